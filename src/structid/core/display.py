@@ -89,7 +89,10 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
 
 
 def names_like(text: str, names: Sequence[str], most: int = 3) -> list[str]:
-    """Names that a reader who wrote `text` may have meant: those that begin with it, then those that are spelled alike."""
+    """At most `most` of `names` that `text` may stand for: those that begin with it in any case, then those spelled alike.
+
+    The list is empty where no name is like it.
+    """
     begin = [name for name in names if text and name.lower().startswith(text.lower())]
     return list(dict.fromkeys([*begin, *difflib.get_close_matches(text, names, most)]))[:most]
 

@@ -95,7 +95,10 @@ def effect_of_addition(
 
 
 def _unit_response(receptances: Receptances, directions: Directions) -> tuple[ComplexArray, ComplexArray]:
-    """-(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), of one direction; cached."""
+    """Response -(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), for one direction D.
+
+    D'x, D'y and G are those of `Directions.projected`. Results are cached in `receptances`.
+    """
     key = directions.codes.tobytes(), directions.weights.tobytes()
     known = receptances.unit_responses.get(key)
     if known is None:

@@ -250,7 +250,7 @@ class Receptances:
 
     @cached_property
     def unit_responses(self) -> dict[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
-        """Responses of parts of unit stiffness in one direction that were asked for; local resonances ask at each frequency."""
+        """Cache of responses to parts in one direction, and its flexibility: local resonances ask at each frequency."""
         return {}
 
     def reached(self, codes: IntArray) -> FloatArray:

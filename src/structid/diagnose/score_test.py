@@ -119,8 +119,8 @@ class Point:
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
         """Screening result of every candidate, in the same order: its best strength and the misfit that this leaves.
 
-        Parameters follow by a linear step. The 16 most promising of each kind are looked at with all their strengths and some
-        more, the others with every second strength.
+        Parameters follow by a linear step. The most promising of each kind (`FINELY_SCREENED` of them) are looked at with all
+        their strengths and some more, the others with every second strength.
         """
         keys = [self._key(candidate) for candidate in candidates]
         first = dict(zip(reversed(keys), reversed(candidates), strict=True))  # of each key its first candidate
@@ -179,7 +179,11 @@ class Point:
         return *values, *moves
 
     def _first_screening(self, candidates: Sequence[Candidate]) -> list[_CandidateScreening]:
-        """A first screening of each candidate: misfit at every second strength after a linear step, and linear estimate."""
+        """A first screening of each candidate, by every second one of its strengths.
+
+        It has the misfit at each strength after a linear step of the parameters, the strength of least misfit by the
+        candidate's slope (0 for a candidate with one strength), and the lowest misfit by either.
+        """
         every_second = [candidate.strengths[::2] for candidate in candidates]
         small = [_SMALL * np.abs(strengths).min() for strengths in every_second]
         has_one = [len(candidate.strengths) == 1 for candidate in candidates]
@@ -205,7 +209,7 @@ class Point:
     def _closer(
         self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening]
     ) -> list[_CandidateScreening]:
-        """The first screenings `looks` of candidates, extended by the other strengths and by some near the best of them.
+        """First screenings `looks` of candidates, in their order, with the other strengths and some near the best appended.
 
         Unchanged for candidates with one strength.
         """
@@ -223,7 +227,7 @@ class Point:
     def _with_strengths(
         self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening], strengths: Sequence[FloatArray]
     ) -> list[_CandidateScreening]:
-        """Screenings with further `strengths` (n,) of each candidate, none or more, appended with the misfits that they leave."""
+        """The screenings `looks` with further `strengths` of each candidate, (n,) or empty, and their misfits appended."""
         changed = self._residuals_off_parameters(candidates, strengths)
         return [
             look._replace(strengths=np.append(look.strengths, more), left=np.append(look.left, _squares(off)))
@@ -242,9 +246,9 @@ class Point:
     def _residuals_off_parameters(
         self, candidates: Sequence[Candidate], strengths: Sequence[FloatArray]
     ) -> Iterator[FloatArray]:
-        """Whitened residuals of each candidate at its `strengths`, without what parameters can follow, (n_rows, n_strengths).
+        """Yield whitened residuals of each candidate at its `strengths`, (n_rows, n_strengths), without what parameters follow.
 
-        Some candidates are computed together, since arrays of one alone are small.
+        Several candidates are computed together, since arrays of one alone are small.
         """
         first, n_columns = 0, 0
         for last, values in enumerate(strengths, 1):

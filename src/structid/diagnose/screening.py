@@ -1,4 +1,4 @@
-"""Selection of the changes to refit: those of hundreds that promise most by a linear look, what follows from them, and pairs."""
+"""Selection of the changes to refit: the most promising ones by a linear step, others that follow from these, and pairs."""
 
 from __future__ import annotations
 
@@ -456,10 +456,11 @@ def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
 def promising_first_changes(
     base: FittedModel, items_begun: Sequence[RefitTask], work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
 ) -> list[RefitTask]:
-    """First changes beside which a second one leaves at most 30 % of the misfit, sorted by what the best second leaves.
+    """First changes beside which a second one takes off most of the misfit, sorted by what the best second leaves.
 
-    Second changes are screened at quick fits of log-FRFs that stay near the start values: a full fit of one of two
-    faults is bent towards the other. At most twelve first changes are tried, two of a kind.
+    A change is kept if the second leaves less than `PAIR_LEFT` of the misfit without changes. Second changes are screened at
+    quick fits of log-FRFs that stay near the start values: a full fit of one of two faults is bent towards the other. At
+    most `PAIR_LOOKS` first changes are tried, `PAIR_LOOKS_OF_KIND` of a kind.
 
     Parameters
     ----------
@@ -473,6 +474,11 @@ def promising_first_changes(
         Name of the stage in progress messages and checkpoints.
     budget : SearchBudget
         Changes for which there is no time are left out.
+
+    Returns
+    -------
+    list of RefitTask
+        Those of `items_begun` that are kept; empty if there are none.
     """
     few = first_of_each([candidate.kind for candidate, _, _ in items_begun], PAIR_LOOKS_OF_KIND)
     items = [items_begun[k] for k in few[:PAIR_LOOKS]]

@@ -101,9 +101,9 @@ def screen_sets(
 ) -> tuple[list[Screened], int]:
     """Changes of sets, records and mesh that lower the misfit by one linear step, unsorted; and how many were looked at.
 
-    Each has its best strength. The drop must be 2 % at least, except for mesh, shear, window and clock, which need none. Of each
-    family the four that leave least go on, and every clock. Misfits are estimated on the lines of `coarse`. `name` is that of the
-    stage in progress messages.
+    Each has its best strength. The misfit must drop by more than `LEAST_DROP` of it, except for mesh, shear, window and clock,
+    which need no drop. Of each family the `FIRST_OF_SET_KIND` that leave least go on, and every clock. Misfits are estimated on
+    the lines of `coarse` of the changed models. `name` is that of the stage in progress messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]

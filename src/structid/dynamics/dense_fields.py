@@ -198,11 +198,11 @@ class _ModalFields:
         return (self.shapes.T[:, :, None] * self.drive[:, None, :]).reshape(len(self.inverse), -1)
 
     def read(self, reader: FloatArray, loads: IntArray) -> _ModalFields:
-        """Readings of a reader (n_read, n_dofs) under some of the loads, in place of the fields."""
+        """Sum over the same poles for the readings of `reader` (n_read, n_dofs), under the loads with the indices `loads`."""
         return replace(self, shapes=reader @ self.shapes, drive=self.drive[:, loads])
 
     def at(self, lines: slice | IntArray) -> ComplexArray:
-        """The fields at some of the lines, (n, n_dofs, n_loads)."""
+        """The fields, or readings, at some of the lines, (n, n_dofs, n_loads); not finite at a line on an undamped pole."""
         with np.errstate(divide="ignore", invalid="ignore"):
             weights = 1 / (1 - self.variable[lines, None] * self.inverse)
             return (weights @ self._residues).reshape(len(weights), len(self.shapes), -1)
@@ -219,11 +219,11 @@ def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
 def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray) -> _ModalFields | None:
     """Fields X with (s^2 M + s C + K + i H) X = loads at all s, as a sum over the poles of the structure.
 
-    With s0 the mean size of s, without viscous damping and with t = s0^2 - s^2, Z = Z(s0) (I - t B), where
-    B = Z(s0)^-1 M; with it and t = s - s0 the same holds of (x, t x / s0) and a B of twice the size. The eigenvectors
-    of B serve all lines. As B is an inverse, modes near the lines are as exact as by factorization at each line, and
-    motions without mass are modes with m = 0. The sum is compared with the direct solution at the line nearest to
-    each pole and at eight more.
+    Let s0 be the geometric mean of |s|. Without viscous damping and with t = s0^2 - s^2, the dynamic stiffness is
+    Z = Z(s0) (I - t B), where B = Z(s0)^-1 M. With viscous damping and t = s - s0, the same holds for (X, t X / s0) and a B of
+    twice the size. The eigenvectors of B serve all lines. As B is an inverse, modes near the lines are as exact as by
+    factorization at each line, and motions without mass are modes with the eigenvalue 0. The sum is compared with the direct
+    solution at the first line at or above each pole, and at a few more.
 
     Parameters
     ----------
@@ -237,7 +237,8 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
     -------
     _ModalFields or None
         None where the sum differs from the direct solution by more than `TOLERANCE`, and by more than rounding
-        explains: the eigenvectors are then close to dependent, as those of critical damping are.
+        explains: the eigenvectors are then close to dependent, as those of critical damping are. None too if Z is singular
+        at s0 or at a compared line, or the eigenvectors are dependent.
     """
     mass, damping = matrices[:2]
     stiffness = matrices[2] + 1j * matrices[3] if matrices[3].any() else matrices[2]
@@ -295,7 +296,7 @@ def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
-    """Index of the first line at or above each pole within the band, and of eight spread over it, increasing.
+    """Index of the first line at or above each pole within the band, and of a few spread over it, increasing.
 
     `poles` (n_poles,) and `lines` (n_lines,) are frequencies in one unit and need not be sorted; poles outside the lines do
     not count.

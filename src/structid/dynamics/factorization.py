@@ -401,8 +401,8 @@ class PardisoAnalysis:
     def __init__(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> None:
         """Keep the upper triangle of a symmetric pattern; `loaded` (n,) marks rows that right-hand sides use, None for all.
 
-        `indices` and `indptr` are the whole pattern in compressed columns. Marks are ignored where more than a tenth of
-        the rows have one.
+        `indices` and `indptr` are the whole pattern in compressed columns. Marks are ignored where too
+        large a part of the rows (`_FEW`) has one.
         """
         n = len(indptr) - 1
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))

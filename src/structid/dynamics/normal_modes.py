@@ -125,7 +125,8 @@ def _small_modes(
     """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a model solved densely.
 
     They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes. `strains` makes
-    an operator B with K = B'B, by which roundings of K are avoided; None, or a result of None, leaves them.
+    an operator B with K = B'B, by which roundings of K are avoided; None, or a result of None, leaves them. Raises
+    `SingularModelError` if no motion has a mass, or one has neither mass nor stiffness.
     """
     eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
     if not len(eigenvalues):

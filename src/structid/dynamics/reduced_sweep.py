@@ -83,13 +83,13 @@ class FieldSweep:
     def verified(self, error_of: ErrorOf) -> float | None:
         """Error of the fields at the line with the largest residual, after the basis has grown until it is small enough.
 
-        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is 0.3 of that.
+        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is `_SAFE` of that.
 
         Returns
         -------
         float or None
-            The error there, in parts of what is allowed; None where there are fewer than 20 lines, or it takes more than a
-            third of them, or too large a basis: solve for each line then.
+            The error there, in parts of what is allowed; None where there are fewer than `FEWEST_LINES` lines, or it takes
+            more than a third of them, or too large a basis: solve for each line then.
 
         Raises
         ------
@@ -371,7 +371,7 @@ class FieldBasis:
 def _sketching_matrix(n: int) -> sparse.csr_array:
     """Random sparse matrix, (n_sums, n), that adds n equations with random signs; it keeps norms to about a tenth.
 
-    Few equations, no more than n_sums, are not added: it is then the identity (n, n).
+    n_sums is `_SUMS`; up to that many equations are not added, and the matrix is the identity (n, n).
 
     References
     ----------

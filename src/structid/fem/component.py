@@ -233,7 +233,8 @@ def _reduce_component(
 
     `following` is None if `component.whole`, which nothing reduces. `properties_of_set` are the properties of its element sets
     by name, and `codes` its degrees of freedom, in the order of the group. `joined` are the codes to keep and `constrained` those
-    held at zero, both of the whole structure. Raises `InputError` if no code is kept or none is inside.
+    held at zero, both of the whole structure. Raises `InputError` if no code is kept or none is inside, or the component cannot
+    be reduced.
     """
     matrices = _nominal_matrices(component, properties_of_set, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))

@@ -478,7 +478,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _selections(self) -> dict[tuple[Dof, ...], sparse.csc_array]:
-        """Columns of `selection` that were asked for: each record of a model, smoothed or cut, asks for the same channels."""
+        """Cache of `selection` by degrees of freedom: each record of a model, smoothed or cut, asks for the same channels."""
         return {}
 
     def require_dofs(self, dofs: Iterable[Dof], inputs: bool = False) -> None:

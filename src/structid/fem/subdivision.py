@@ -81,7 +81,8 @@ def numbered_terms(
     Raises
     ------
     InputError
-        If a joint cannot be: its element, node or direction is not there, or the element has no stiffness in it.
+        If a joint cannot be: its element, node or direction is not there, the element has no stiffness in it, or another joint
+        is in its place.
     """
     terms: dict[str, tuple[PropertyMatrices, ...]] = {}
     owners: dict[int, str] = {}

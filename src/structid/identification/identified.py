@@ -152,7 +152,7 @@ class Identification(Shown, IdentificationPlots):
         Raises
         ------
         MissingNameError
-            If there is none of that name; with those that there are.
+            If there is none of that name; with the nearest names, then the first that there are. It is a `KeyError` too.
         """
         return self.estimate[name]
 

@@ -68,7 +68,8 @@ def identify(
     Raises
     ------
     InputError
-        If an argument is of another class, or the record cannot be used.
+        If an argument is of another class, nothing is unknown, the parameters were made for another structure, or the record
+        cannot be used.
 
     References
     ----------
@@ -117,8 +118,8 @@ def identify_together(
     Raises
     ------
     InputError
-        If an argument is of another class, nothing is unknown, a shared parameter is declared differently in two set-ups,
-        or a record cannot be used.
+        If an argument is of another class, there is no set-up, nothing is unknown, parameters were made for another structure,
+        a shared parameter is declared differently in two set-ups, or a record cannot be used.
     """
     chosen = IdentifyOptions() if options is None else options
     _require_setups(setups, chosen)
@@ -194,7 +195,10 @@ def identify_together(
 
 
 def _require_setups(setups: Sequence[AnySetup], options: IdentifyOptions) -> None:
-    """Raise `InputError` unless `setups` is a sequence of set-ups that declare an unknown, and `options` are of their class."""
+    """Raise `InputError` unless `setups` is a sequence of set-ups, and `options` are of their class.
+
+    There must be a set-up, an unknown in one of them, and the parameters of each must be made for its structure.
+    """
     if isinstance(setups, RecordSetup):
         raise InputError("`setups` must be a list of set-ups, got a single one; write `[setup]`")
     for number, setup in enumerate(setups):
@@ -245,10 +249,10 @@ def total_mass(
     problem : RecordProblem
     estimate : Estimate
     direction : str or None
-        X, Y or Z; the first that has mass if None.
+        X, Y or Z; if None, the first in which the structure has mass (see `Structure.mass_of`).
     freed : RecordProblem, optional
-        The problem with the fixed values of its model among the unknowns; with it, the standard deviation includes the tolerances
-        of fixed masses.
+        The problem with the fixed values of its model among the unknowns; with it, the standard deviation includes the
+        tolerances of fixed values that the mass depends on.
     """
     unknown, row = problem.parameters, np.zeros((1, len(estimate.names)))
     index = indices_of(estimate.names, unknown.names)

@@ -248,8 +248,8 @@ def _p_values(residual: FloatArray, std: float, variance: FloatArray, is_known: 
     """Two-sided p-value (n,) of each deviation, before correction for their number; NaN where the data do not see it.
 
     `residual` (n,) are the deviations from the common value, `std` is the standard deviation of the scatter, `variance` (n,) the
-    posterior variance of each deviation, and `is_known` is True if the study states the scatter. Without, the scatter was
-    estimated from these deviations, and each is compared with that of the others (Grubbs's test).
+    posterior variance of each deviation, and `is_known` is True if the scatter is stated. Otherwise it was estimated from
+    these deviations, and each is compared with the scatter of the others (Grubbs's test).
     """
     explained = std**2 - variance
     seen = explained > 1e-3 * std**2

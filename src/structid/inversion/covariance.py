@@ -212,8 +212,8 @@ def repeated_quantities(problem: Problem) -> IntArray | None:
 def left_out_covariance(linearization: Linearization, block: IntArray) -> FloatArray:
     """Jackknife covariance of the parameters, (n_params, n_params), leaving out one block of rows at a time.
 
-    To first order the parameters move by d_b = (A - A_b)^-1 J_b' r_b without block b, up to the sign, with r the residual, J the
-    Jacobian with its prior rows and A = J'J; r_b, J_b and A_b are of the block. The sum of d_b d_b' is multiplied by (n - 1) / n
+    To first order the parameters move by d_b = (A - A_b)^-1 J_b' r_b without block b, with r the residual, J the Jacobian with
+    its prior rows and A = J'J; r_b, J_b and A_b are of the block. The sum of d_b d_b' is multiplied by (n - 1) / n
     for n blocks. With few influential blocks it is rather too large than too small, and has no correction by Student's t. NaN
     for a parameter that one block alone determines.
 

@@ -432,7 +432,7 @@ class Estimate(Shown):
         Raises
         ------
         MissingNameError
-            If there is none of that name, which is a `KeyError` too; with those that there are, the nearest first.
+            If there is none of that name; with the nearest names, then the first that there are. It is a `KeyError` too.
         """
         if name not in self.names:
             likely = names_like(str(name), self.names)

@@ -250,7 +250,8 @@ class FitWithinTolerances:
         """True if the fit within tolerances misses the noise, tested at `probability` against `scale` times chi-square.
 
         That is so if a fixed value is off by more tolerances than `limit_of` allows, or if noise alone, whose sum of squares is
-        `scale` times chi-square of `freedom` degrees of freedom, gives a larger sum with less than this probability.
+        `scale` times chi-square of `freedom` degrees of freedom, exceeds `chi_square` with less than this probability (see
+        `misses_noise`).
         """
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True

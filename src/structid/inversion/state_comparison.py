@@ -141,7 +141,11 @@ class Comparison(Shown, States):
     least: float = 0.0
 
     def overview(self) -> Overview:
-        """Result in a sentence, and one row for each parameter, declared changes first: values, change, p-value."""
+        """Result in a sentence, and one row for each parameter in the `order`, declared changes first.
+
+        A row has name, unit, both values and the relative change, all with standard deviations, the corrected p-value, and
+        "changed" if the change is declared.
+        """
         rows = [
             (
                 self.names[i],
@@ -279,7 +283,8 @@ def compare_states(
     Raises
     ------
     InputError
-        If the estimates share no parameter but the carried ones, a unit differs, or an argument is out of range.
+        If a state is no `Estimate`, the estimates share no parameter but the carried ones, a unit differs, or an argument is
+        out of range.
 
     Notes
     -----
@@ -425,10 +430,10 @@ def _changes_by_fixed_values(
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of the compared parameters by each cause in `FixedValueInfluence.changes`, in baseline and later state.
 
-    Both results are (n, n_causes), with the causes (errors of fixed values) of either state as columns, in the order
-    of `change_names`; a fixed value of both has the larger error in both. `first` and `second` are the indices of the n
+    Both results are (n, n_causes). Columns are the causes of the baseline in the order of `change_names`, then those of the
+    later state alone; a fixed value of both has the larger error in both. `first` and `second` are the indices of the n
     compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
-    baseline; through them a fixed value of one state also changes the other.
+    baseline; through them a fixed value of one state also changes the other, where the covariances are finite.
     """
     names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
     errors = np.maximum(*(_errors(one, names) for one in (baseline, later)))

@@ -234,7 +234,7 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
     """Strength for each row of penalty `index`, (n_rows,), of largest marginal likelihood; it makes few rows nonzero.
 
     Row by row, with mean m and variance v of the row without its penalty, 1 / l = m^2 - v where that is positive;
-    otherwise l is 1e6 times the balance of data and penalty. Rows must be linearly independent. `strengths` are those
+    otherwise l is `_HELD` times the balance of data and penalty. Rows must be linearly independent. `strengths` are those
     of all penalties at the start; the others stay. An entry is a number or an array with one for each row.
 
     References
@@ -265,7 +265,7 @@ def _row_strength(variance: float, residual: float, strength: float, largest: fl
     """Strength of largest marginal likelihood for one penalty row, from its fit at the present `strength`.
 
     `variance` is the posterior variance of the row and `residual` its value, both at the present strength; `largest` is the
-    strength that makes the row zero, given where the data do not ask for another value.
+    strength that makes the row zero, and the result where the data do not ask for another value.
     """
     own = 1 / variance - strength  # information from everything else
     if not own > 1e-12 * strength:

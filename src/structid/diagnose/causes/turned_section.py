@@ -28,10 +28,10 @@ class TurnedSection(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for each set of beams with two different bending stiffnesses, and one for all of them together.
+        """Candidates for all sets of beams with two different bending stiffnesses together, then for each set.
 
-        Left out are sets whose beams have no common direction that turns every one. Of many sets 150 are tried alone, evenly
-        chosen.
+        The first is left out where there is one set only. Sets without a `turned_orientation` do not count. Of many sets
+        `MOST_ELEMENTS` are tried alone, evenly chosen.
         """
         structure = model.setups[0].structure
         names = [
@@ -62,9 +62,10 @@ def space_beams(structure: Structure) -> list[SpaceBeam]:
 
 
 def turned_orientation(element: SpaceBeam, nodes: Mapping[int, FloatArray]) -> list[float] | None:
-    """The `orientation` that turns the section of each beam of a set by 90 degrees; None where no vector does it for all.
+    """The `orientation` [x, y, z] that turns the section of each beam of a set by 90 degrees, or None.
 
-    It is the sum of the local z axes of the beams, each direction once. `nodes` are positions, m.
+    It is the sum of the local z axes of the beams, each direction once; None where that sum does not turn every beam.
+    `nodes` are positions in m by label.
     """
     z = element.section_directions(nodes)["VZ"][:, :3]
     x = element.section_directions(nodes)["N"][:, :3]

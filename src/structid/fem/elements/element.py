@@ -396,7 +396,7 @@ class ElementSet:
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The properties of the set, in the order of their declaration, each with the element matrices that it multiplies.
 
-        Optional properties that are not stated are left out.
+        Loss factor and thickness have no matrices. Optional properties that are not stated are left out.
 
         Parameters
         ----------

@@ -69,7 +69,7 @@ class _Facets:
         return turned.reshape(local.shape)
 
     def to_facet(self, maps: FloatArray) -> FloatArray:
-        """Maps of motion in the first facet's axes as maps of motion in global axes, (..., 6 n) both."""
+        """The `maps` (..., 6 n) of motion in the first facet's axes as maps of its nodes' motion in global axes, (..., 6 n)."""
         n = self.height.shape[1]
         linked = maps @ self._links()[0]
         return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
@@ -255,7 +255,7 @@ def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
 def drilling_stiffness(
     corners: FloatArray, elasticity: FloatArray, poisson: float, linear_strains: float = 1.0
 ) -> FloatArray:
-    """Stiffness on (u, v, rotation about the normal) at each corner, (n_cells, 3 n_corners, 3 n_corners).
+    """Stiffness for unit thickness on (u, v, rotation about the normal) at each corner, (n_cells, 3 n_corners, 3 n_corners).
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def drilling_stiffness(
     elasticity : (3, 3) float array
         Plane stress from strain for unit modulus.
     poisson : float
-        Poisson's ratio; (1 - 4 poisson^2) / 2, and at least 0.01, multiplies the stiffness against linear strains.
+        Poisson's ratio; (1 - 4 poisson^2) / 2, but at least `_LEAST_HIGHER`, multiplies the stiffness against linear strains.
     linear_strains : float
         Further factor on that stiffness; 1 gives the element of the reference, exact for in-plane bending.
 

@@ -45,7 +45,8 @@ def read(path: Path) -> list[ImportedMatrix]:
     Raises
     ------
     FileError
-        If a line has another number of values than the first, or one that is no number; with the line.
+        If a line has another number of values than the first, or one that is no number, with the line; or if user elements lack
+        nodes, degrees of freedom or matrices of their size.
     """
     content = path.read_bytes()
     upper = content.upper()
@@ -252,7 +253,8 @@ def _read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
     Raises
     ------
     FileError
-        If an element has no nodes, or its matrix another number of values than its degrees of freedom ask for.
+        If there is no matrix, an element lacks nodes or degrees of freedom, its matrix has another number of values than these
+        ask for, or a line cannot be read.
     """
     parts_of_kind: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
     for element in _read_elements(path, content):
@@ -266,7 +268,8 @@ def _read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
 def _read_elements(path: Path, content: bytes) -> list[_Element]:
     """Every element matrix in `content` with its nodes and degrees of freedom; an element with two matrices comes twice.
 
-    `content` is the file in upper case. Elements without a number in comments are counted from 1.
+    `content` is the file in upper case. An element has the number that the last comment with one states; before any, it is the
+    number of matrices up to it, from 1. Raises `FileError` for a keyword without what it needs, or a line that cannot be read.
     """
     elements: list[_Element] = []
     label, nodes_follow = 0, False

@@ -210,7 +210,7 @@ def _widen_free_lines(
 
 
 def _widen_line(line: bytes, whole: bool) -> list[bytes]:
-    """A free-field line as lines with four fixed fields each, wide enough for all digits.
+    """A free-field line as lines with four fixed fields each, `_WIDE` characters wide.
 
     Blank continuation lines are left out unless `whole`.
     """
@@ -230,7 +230,7 @@ def _widen_line(line: bytes, whole: bool) -> list[bytes]:
 
 
 def _fit_field(value: bytes) -> bytes:
-    """The field `value` in at most 24 characters; a longer number is rounded to the digits of a float, other text is cut."""
+    """The field `value` in at most `_WIDE` characters; a longer number is rounded to the digits of a float, other text is cut."""
     if len(value) <= _WIDE:
         return value
     try:

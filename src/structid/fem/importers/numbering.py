@@ -113,7 +113,10 @@ def _card_fields(lines: BulkLines) -> list[list[str]]:
 
 
 def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
-    """Pairs of grid point and components, such as (12, "123"), from cards in `lines` on which they alternate; "" for none."""
+    """Pairs of grid point and components, such as (12, "123"), from cards in `lines` on which they alternate; "" for none.
+
+    Raises `FileError` for a grid point or components that cannot be read.
+    """
     pairs = []
     for fields in _card_fields(lines):
         for node, components in zip(fields[::2], fields[1::2], strict=False):
@@ -123,7 +126,10 @@ def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
 
 
 def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
-    """Pairs of grid point and components, such as (12, "123"), from cards of components and then grid points or a THRU range."""
+    """Pairs of grid point and components, such as (12, "123"), from cards of components and then grid points or a THRU range.
+
+    Raises `FileError` for a grid point or components that cannot be read, or a range that is too long.
+    """
     pairs: list[tuple[int, str]] = []
     for fields in _card_fields(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]

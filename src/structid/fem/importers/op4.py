@@ -41,7 +41,8 @@ def read(path: Path) -> list[ImportedMatrix]:
     Raises
     ------
     FileError
-        If the file is cut short or damaged; with the matrix, and the byte or line.
+        If the file is cut short or damaged, with the matrix, byte or line; if it holds no matrix, or entries of a symmetric one
+        disagree.
     """
     content = path.read_bytes()
     kind = _word_format(content)
@@ -57,7 +58,8 @@ def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Optio
     Raises
     ------
     FileError
-        If a name is empty, longer than eight characters or not ASCII, or a matrix does not fit the layout.
+        If a name is empty, longer than eight characters, not ASCII or has a blank, a matrix has too many rows for the layout,
+        or an entry is not finite.
     """
     parts = []
     for item in matrices:
@@ -98,7 +100,7 @@ class _WordFormat(NamedTuple):
 
 
 class _Header(NamedTuple):
-    """The first record of a matrix."""
+    """The first record of a matrix; `rows` is negative in the layout "bigmat"."""
 
     columns: int
     rows: int
@@ -199,7 +201,7 @@ def _read_matrix(path: Path, view: NDArray[np.uint32], kind: _WordFormat, header
     """The sparse matrix of one header, put together from the strings in its column records.
 
     `view` is the file as 32-bit words, `columns` (n_records, 4) the table of `_read_columns`. Raises `FileError` if entries
-    lie outside the matrix.
+    lie outside the matrix, or a string ends within a number or beyond its record.
     """
     is_complex = header.kind > 2
     single = header.kind % 2 == 1
@@ -324,7 +326,10 @@ class _Lines(NamedTuple):
     text: list[bytes]
 
     def integers(self, line_index: int, count: int, what: str) -> list[int]:
-        """`count` whole numbers on line `line_index`, in fields of eight columns or between blanks; `what` is for errors."""
+        """`count` whole numbers on line `line_index`, in fields of eight columns or between blanks.
+
+        Raises `FileError`, which calls them `what`, if there is no such line or something else on it.
+        """
         if line_index >= len(self.text):
             raise FileError(f"{self.path}: ends at line {len(self.text)} before {what}; {_TEXT_REMEDY}")
         line = self.text[line_index]
@@ -555,7 +560,10 @@ class _Strings:
 
 
 def _strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, single: bool) -> _Strings:
-    """The entries of `matrix` as strings: runs without a gap in one column; a single string a column in the dense layout.
+    """The entries of `matrix` as strings, column by column: runs without a gap.
+
+    The sparse layout limits their length: longer runs are cut. In the dense layout a column is a single string from its first
+    to its last entry, zeros included.
 
     `name` is that of the matrix, `form` the number of OUTPUT4 for its form (1, 2 or 6), `layout` that of the file. `single`
     sets the type to single precision; values are not rounded here. Sorts `matrix` and removes its zeros in place.

@@ -371,7 +371,7 @@ class _SectionOffsets:
     def _offsets(self, scope: PartData, block: KeywordBlock) -> list[CellOffsets]:
         """The offsets of the cells of one section block, one `CellOffsets` for each cell block that has some of them.
 
-        Raises `ValueError` if cells of its element set cannot have offsets.
+        Raises `ValueError` if there is no such element set, its cells cannot have offsets, or the offsets cannot be read.
         """
         members = self._members(scope, block.options.get("ELSET", ""))
         chosen = []
@@ -447,7 +447,7 @@ class _SectionOffsets:
         return CellOffsets(index, rows, np.repeat(arm[:, None], 2, axis=1))
 
     def _corners(self, index: int, rows: IntArray) -> FloatArray:
-        """Positions of the nodes of cells, (n_cells, n_nodes, 3)."""
+        """Positions in m of the nodes of the cells `rows` of the cell block `index`, (n_cells, n_nodes, 3)."""
         return np.array([[self._positions[node] for node in cell] for cell in self._blocks[index].nodes[rows].tolist()])
 
 
@@ -487,7 +487,7 @@ def _thickness(block: KeywordBlock) -> float:
 
 
 def _mean_direction(normals: Sequence[FloatArray]) -> FloatArray | None:
-    """The unit mean (3,) of the unit vectors `normals`; None if one of them is more than 20 degrees from it."""
+    """The unit mean (3,) of the unit vectors `normals`; None if one of them is too far from it (`_SMOOTH`)."""
     total = np.sum(normals, axis=0)
     size = float(np.linalg.norm(total))
     if size == 0 or min(float(normal @ total) for normal in normals) < _SMOOTH * size:

@@ -85,10 +85,11 @@ class PartData:
             self.blocks.append(block)
 
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        """Add the nodes in the data lines of a *NODE to `nodes`; their coordinates are in the current coordinate system.
+        """Add the nodes in the data lines of a *NODE to `nodes`, and to the node set that it names, if any.
 
-        `options` are those of the keyword, `rows` the words of its data lines. Raises `ValueError` if a node repeats, coordinates
-        may have decimal commas, or SYSTEM is neither rectangular nor cylindrical.
+        Their coordinates in the file are in the current coordinate system. `options` are those of the keyword, `rows` the words
+        of its data lines. Raises `ValueError` if a node repeats, coordinates may have decimal commas, or SYSTEM is neither
+        rectangular nor cylindrical.
         """
         _require_decimal_points(rows)
         labels = [int(row[0]) for row in rows]

@@ -292,7 +292,9 @@ class _OffsetReader:
         self._middles = _laminate_middles(cards)
 
     def parts(self, names: Sequence[str], blocks: Sequence[CellBlock], numbers: Sequence[IntArray]) -> list[DeckPart]:
-        """A part of each card whose cells have offsets, and one for released ends of bars.
+        """Parts of each block whose cells have offsets: one that can be taken, and one for each obstacle.
+
+        Bars with released ends are a further part. Blocks without any of these have none.
 
         Parameters
         ----------
@@ -368,7 +370,8 @@ class _OffsetReader:
         """The arm (3,) in m of an end (0 or 1) of the bar `row` of a block in global directions.
 
         `vector` (3,) is the offset in m along the directions of motion of the grid point (G in OFFT) or the axes of the element
-        (O); `fields` are those of the bar's card and `flags` its OFFT. Raises `ValueError` for others.
+        (O); `fields` are those of the bar's card and `flags` its OFFT. Raises `ValueError` for other letters, and if the
+        orientation vector gives the element no axes.
         """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])
@@ -434,9 +437,9 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
 
 
 def _unread_property_parts(cards: Mapping[str, Cards]) -> list[DeckPart]:
-    """Parts that count non-structural masses of properties, by card, and beams whose neutral axis is off their shear centre.
+    """Parts that count properties with non-structural mass, by card, and beams whose neutral axis is off their shear centre.
 
-    All of them have obstacles. `cards` are those of the deck by name.
+    All of them have obstacles; there are none for a count of 0. `cards` are those of the deck by name.
     """
     counts: dict[str, int] = {}
     for name, field in _NON_STRUCTURAL.items():
@@ -463,7 +466,7 @@ def _bar_masses(words: Sequence[str]) -> list[str]:
 
 
 def _library_beam_masses(fields: Sequence[str]) -> list[str]:
-    """Non-structural masses of a PBEAML at its stations.
+    """Non-structural masses of a PBEAML at its stations; empty for a type of section that has no known dimensions.
 
     `fields` are those of the card.
     """

@@ -427,8 +427,8 @@ def _bush_axes(
 ) -> tuple[FloatArray | None, str]:
     """Axes of the element as rows (3, 3), zero where it does not state them, and an obstacle ("" if none).
 
-    The axes are None with an obstacle, or if a CBUSH has no orientation and no length. `first` and `second` (0 for the
-    ground) are its nodes, `fields` those of the card `name`.
+    The axes are None with an obstacle, or, without one, if a CBUSH has neither a coordinate system nor a length. `first` and
+    `second` (0 for the ground) are its nodes, `fields` those of the card `name`.
     """
     system = fields[7] if name == "CBUSH" else fields[4] if name == "CBUSH1D" else ""
     if system:

@@ -114,8 +114,8 @@ class ComponentNoise:
 def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
     """Covariance (n_params, n_params) of J'e, with e the whitened error of the FRFs that errors of measured components cause.
 
-    `errors` has the standard deviation of each entry of the components' FRFs and its effect, `whitening` the weights of the data.
-    `jacobian` J (n_data, n_params) has the whitened data rows, real parts before imaginary parts.
+    `errors` has the standard deviation of each entry of the components' receptances and its effect, `whitening` the weights of
+    the data. J is `jacobian` (n_data, n_params), the whitened data rows, real parts before imaginary parts.
     """
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
@@ -147,7 +147,7 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
 def _whitened_changes(
     errors: Iterator[ErrorsOfEntry], whitening: Whitening
 ) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Yield each entry of `errors` twice, with the whitened data (n_lines, n_channels) per unit of its real and imaginary part."""
+    """Yield each entry of `errors` twice, with whitened data (n_lines, n_channels) per unit of its real, then imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

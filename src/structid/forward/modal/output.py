@@ -257,8 +257,8 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def unpaired_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray]:
     """Numbers (from 0) of the measured modes left over where the model has too few, and the model's frequencies (Hz).
 
-    The numbers (n_left,) are empty where the model has a mode for each. The frequencies are of the model's modes that move the
-    sensors.
+    The numbers (n_left,) are empty where the model has a mode for each. The frequencies (n_use,) are those of the model modes
+    that can be paired (`_visible_modes`).
     """
     use, motion, _ = _visible_modes(data, state)
     frequency = state.modes.frequency[use]
@@ -269,9 +269,11 @@ def unpaired_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, Fl
 
 
 def _visible_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray, NDArray[np.bool_]]:
-    """Indices of the model modes that can be paired, largest motion of a sensor in each model mode, measured without shape.
+    """Indices of model modes that can be paired, largest motion of a sensor in each mode, and measured modes without shape.
 
-    The last is a mask (n_measured,) of the measured modes without a known shape entry.
+    The indices (n_use,) are ascending: modes that move a sensor, or all if a measured mode has no known shape entry; without
+    rigid bodies, far below the lowest measured frequency. The motion is (n_model,), of all model modes. The last is a mask
+    (n_measured,) of the measured modes without a known shape entry.
     """
     is_bare = np.asarray(np.isnan(data.shapes[:, data.measured]).all(axis=0))
     motion = np.abs(state.sensors.T @ state.modes.mode_shapes).max(axis=0, initial=0.0)

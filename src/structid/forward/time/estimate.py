@@ -175,8 +175,8 @@ def fixed_rows(
     values : (n_params,) float array
         Parameters in physical units.
     rows_with : callable
-        Gives the whitened rows of the equations for unknowns and their values; here `unknown` and, from 1, a factor on each
-        fixed value.
+        Gives the whitened rows of the equations for unknowns and their values: here `unknown` at `values`, then a factor of 1
+        on each fixed value.
     """
     is_nonlinear = nonlinear_values(structure)
     properties = fixed_properties(structure, unknown, tolerances)

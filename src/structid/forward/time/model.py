@@ -305,7 +305,7 @@ class LinearSystem:
         inputs : (n_steps + 1, n_inputs, n_motions) float array
             Input states as `InputHold.inputs` gives them, for each motion.
         n_times : int
-            Samples of the record, the last of the instants.
+            Number of samples of the record; they are the last of the instants of `inputs`.
         """
         of_state, of_input = self._output
         found = np.empty((len(inputs), len(of_state), start.shape[1]))
@@ -325,7 +325,7 @@ class LinearSystem:
         inputs : (n_steps + 1, n_inputs) float array
             Input states as `InputHold.inputs` gives them.
         n_times : int
-            Samples of the record; one less than the instants where the motion starts before the first sample.
+            Number of samples of the record; one less than the instants of `inputs` where motion starts before the first.
         """
         n_params = self.rate_change.shape[1]
         values, slopes = [], []
@@ -451,9 +451,9 @@ class InputHold:
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
     def force_values(self, samples: FloatArray) -> FloatArray:
-        """The numbers that `inputs` takes for a force: `samples` (n_times, n_loads) as they are, or amplitudes of an oscillation.
+        """The force in the form that `inputs` takes: `samples` (n_times, n_loads) as they are, or amplitudes of an oscillation.
 
-        The amplitudes (n_force_values,) are those of `waveforms`, fitted to the samples by least squares.
+        The amplitudes (n_force_values,) multiply `waveforms` and are fitted to the samples by least squares.
         """
         if not self.oscillates:
             return samples

@@ -57,7 +57,7 @@ class Histories:
 
     @cached_property
     def known_force(self) -> FloatArray:
-        """The measured part of the force; see `InputHold.known`."""
+        """The measured part of the force; see `InputHold.force_values`."""
         return self.drive.force_values(self.force)
 
     @cached_property

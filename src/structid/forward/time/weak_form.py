@@ -269,10 +269,10 @@ def _filters(
 
 
 def modulating_function(position: FloatArray, order: int) -> FloatArray:
-    """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `position` x, in window lengths.
+    """Derivative of given `order` of the test function cos(pi x)^(2 n), |x| < 1/2, at `position` x, in window lengths.
 
-    Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
-    the motion. `position` may have any shape, which the result has too.
+    n is `_POWER`. The function's first 2 n - 1 derivatives vanish at both ends, so that sums over samples integrate it as
+    exactly as the samples show the motion. `position` may have any shape, which the result has too; it is 0 outside.
     """
     total = np.zeros_like(position)
     for k in range(_POWER + 1):

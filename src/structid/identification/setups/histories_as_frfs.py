@@ -38,7 +38,8 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
     """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most motion channels.
 
     The record of a single hit is transformed whole, with an exponential window if the motion has not died out. Others are
-    averaged by the estimator Hv from four segments. Only lines where a force rises above its noise are returned.
+    averaged by the estimator Hv from segments; they go from the first to the last line at which a force rises above its noise,
+    and over all lines where none does.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
@@ -81,8 +82,8 @@ def _frfs_of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord
     """FRFs from a single hit: spectra of the motions at `sensors` over that of the force, with variances from declared noise.
 
     Where the motion has not died out at the end, all channels are weighted by exp(-decay t) first, and the FRFs are those at
-    s = decay + i omega. They go from the lowest line that the hit excites to its first wide gap. None if the hit
-    excites no line above its noise.
+    s = decay + i omega. They go from the lowest line that the hit excites to its first wide gap. The variances are None without
+    declared noise. The result is None if the hit excites no line above its noise.
     """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate

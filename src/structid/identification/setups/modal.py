@@ -75,12 +75,13 @@ class ModalSetup(RecordSetup[ModalProblem]):
     def without_modes_beyond_model(self) -> Self:
         """The set-up without measured modes that a model with too few leaves unpaired; itself if there are none.
 
-        The record gets a warning that names them.
+        The record gets a warning that names them. The set-up is left as it is too in the form ``dynamic``, which needs no
+        pairing, and if the sensors see no mode of the model.
 
         Raises
         ------
         InputError
-            If such a mode lies among the frequencies of the model at its start, with what to do.
+            If such a mode lies among the frequencies of the model at its start; with the remedy.
         """
         if self.settings.form == "dynamic":  # needs no pairing
             return self

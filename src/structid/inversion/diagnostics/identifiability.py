@@ -1,4 +1,4 @@
-"""Parameters that the data determine: directions, collinear groups, and refusal by the Cramer-Rao bound; in words where not."""
+"""Identifiability of parameters: directions that data determine, collinear groups, and refusal by the Cramer-Rao bound."""
 
 from __future__ import annotations
 

@@ -352,7 +352,7 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
 
 
 def split_r_hat(draws: FloatArray) -> float:
-    """Rank-normalized split R-hat of one quantity, about 1 for chains that agree; NaN for draws that do not vary.
+    """Rank-normalized split R-hat of one quantity, about 1 for chains that agree; NaN for constant or not finite draws.
 
     The larger of two: that of the draws, and that of their absolute distances from the median of all chains.
 

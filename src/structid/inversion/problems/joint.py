@@ -125,7 +125,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _priors_at_start(self) -> list[tuple[FloatArray, sparse.csr_array]]:
-        """Prior rows of each problem at the start: residual (n_priors,) and its derivative, (n_priors, n_params of it)."""
+        """Prior rows of each problem at the start: residual (n_priors,) and its derivative by the problem's own parameters."""
         starts = self.unknowns.split(self.theta_start)
         return [problem.prior_rows(own) for problem, own in zip(self.problems, starts, strict=True)]
 

@@ -86,7 +86,7 @@ class Search:
         from random points about 20 % from it. The lowest minimum is kept.
     uniqueness_starts : int
         How many more searches begin at random points about 20 % from the start even where a search fits: a test
-        whether other parameters fit the data as well. See ``Estimate.answers``.
+        whether other parameters fit the data as well. See ``SearchRecord.answers``.
     doubt_starts : int
         How many of these there are at least where an answer fits and yet is to be doubted: the data push a parameter beyond its
         bound, or one ended farther from its start than `doubt_beyond`.
@@ -335,7 +335,7 @@ def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArr
 
 
 def _is_determined(problem: Problem, theta: FloatArray, linearization: Linearization) -> bool:
-    """True if the Jacobian at free variables `theta`, for relative parameters and with prior rows, has full rank (1e-8)."""
+    """True if the Jacobian at free variables `theta`, for relative parameters and with prior rows, has full rank to `_SEEN`."""
     relative = linearization.jacobian * sizes_at(problem, theta)
     if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False

@@ -108,7 +108,7 @@ class SubstructureCoupling:
         return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the coupled structure's readings, for one stretch of lines after another.
+        """`LineDerivatives` of the coupled structure's readings, for one block of lines after another.
 
         `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
         Z.
