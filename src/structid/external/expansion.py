@@ -227,15 +227,15 @@ def _lowest_order(table: _Table, axis: _Axis) -> int:
 
 
 def _along(axis: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
-    """Coefficients `rows` of u, u^2, ... of one parameter, by the powers that they belong to; u is its relative change."""
+    """Coefficients `rows` of u, u^2, ... of one parameter, by the powers that they belong to; `axis` defines u."""
     return {((axis.name, k),): row for k, row in enumerate(rows, 1)}
 
 
 def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
     """Coefficients of u, u^2, ..., u^order of one parameter, (n_numbers,) each, through as many points of `table`.
 
-    u is the change of the parameter from its nominal value, relative to that. Coefficients of numbers that change by no more
-    than rounding are 0.
+    u is the change of the parameter from its nominal value, as a part of that value, or of the step where it is 0. The nominal
+    point is met too. Coefficients of numbers that change by no more than rounding are 0.
     """
     points = [{axis.name: part} for part in _PARTS[:order]]
     u = np.array([table.u(point, axis.name) for point in points])
@@ -266,9 +266,9 @@ def _fit_products(
 ) -> dict[Powers, FloatArray]:
     """Coefficients (n_numbers,), by powers, of products u_a^i u_b^j of two parameters; {} if `polynomial` misses nothing.
 
-    u is the change of a parameter from its nominal value, relative to that. The products are fitted, at the points of `table`
-    where both parameters change, to the numbers less the terms of `polynomial` with one parameter each. `orders` has the highest
-    exponent of each parameter, by name.
+    u is the change of a parameter from its nominal value, as a part of that value, or of the step where it is 0. The products are
+    fitted, at the points of `table` where both parameters change, to the numbers less the nominal ones and less the terms of
+    `polynomial` with one parameter each. `orders` has the highest exponent of each parameter, by name.
     """
     points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
     powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))

@@ -178,7 +178,7 @@ def _count_common_modes(centre: RunModes, runs: Sequence[RunModes], n_moved: int
 
 
 def _orthonormal_span(residuals: Sequence[FloatArray], least: float, n_most: int) -> FloatArray:
-    """Orthonormal basis, (n_dofs, n), of what the shapes of runs have beside the shapes at the centre.
+    """Orthonormal basis, (n_dofs, n), of the parts of runs' shapes that the shapes at the centre do not span.
 
     `residuals` are the runs' shapes less their projection on the centre's, (n_dofs, n_modes) each. The basis has at most
     `n_most` directions, those with singular values above `least`; it is (0, 0) without runs.
@@ -229,10 +229,11 @@ def _outer_stiffness(
 ) -> float:
     """Stiffness, (rad/s)^2, of directions outside the shapes at the centre for which the stiffness matrix is most nearly linear.
 
-    It minimizes the quadratic coefficients of that matrix over the changes of each parameter, within a range above the highest
-    eigenvalue of all runs, of which it is the upper end if no shape leaves the centre's. `differences` hold the two runs of each
-    parameter, of which the `n_modes` lowest modes count. Each run's shapes have coordinates in the centre's shapes,
-    `coordinates` (n_modes, n_modes), and in the directions outside, `free` (n_outside, n_modes), in the order of the runs.
+    It minimizes the quadratic coefficients, in the changes of each parameter, of the stiffness of the centre's shapes. The range
+    for it lies above the highest eigenvalue of all runs; the upper end is returned if no shape leaves the centre's.
+    `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count. Each run's shapes have
+    coordinates in the centre's shapes, `coordinates` (n_modes, n_modes), and in the directions outside, `free` (n_outside,
+    n_modes), in the order of the runs.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs

@@ -26,9 +26,10 @@ class Dataset(NamedTuple):
 
 
 def hdf5_datasets(path: Path) -> dict[str, Dataset]:
-    """Shape, type and first byte of every dataset of the file at `path`, by its path without the leading slash.
+    """Shape, type and position of every dataset of the file at `path`, by its path without the leading slash.
 
-    Texts have the type of objects, references and lists that of void.
+    The position is the byte at which its values begin, or None where they do not lie in one piece as they are. Texts have the
+    type of objects, references and lists that of void.
 
     Raises
     ------

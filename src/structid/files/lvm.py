@@ -82,7 +82,7 @@ class _Segment(NamedTuple):
     comma: bool
 
     def decimal(self, text: str) -> float:
-        """The number in the cell `text`, NaN if empty; `ValueError` for one with a point where the head says decimal commas."""
+        """The number in the cell `text`, NaN if empty; `ValueError` if it is none, or has a point but the head says commas."""
         if not text.strip():
             return np.nan
         if self.comma and "." in text:

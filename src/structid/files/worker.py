@@ -65,14 +65,14 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     """Shape, type and position in the file of every dataset, as [shape, type, byte], by its path without the leading slash.
 
     The type is "text" or that of NumPy, such as "<f8"; `byte` is where the values begin, or None where they do not lie in one
-    piece as they are. Empty datasets are left out.
+    piece as they are. Datasets without a shape are left out. `UnusableError` if the file has links to other files.
     """
     import h5py
 
     found: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note shape, type and position of the dataset `item` by its `name`; groups and empty datasets are left out."""
+        """Note shape, type and position of the dataset `item` by its `name`; nothing of groups and of datasets without shape."""
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None

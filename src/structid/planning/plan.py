@@ -147,7 +147,7 @@ class _TestSelection:
     cross : (n_sensors, n_loads, n_params, n_fixed) float array
         J'J_h of each pair, J by relative parameters and J_h by relative fixed values.
     by_line : (n_lines, n_params, n_fixed) float array or None
-        The same of each line with the chosen sensors and loads.
+        J'J_h of each line with the chosen sensors and loads; None where no lines are chosen.
     """
 
     candidates: Candidates
@@ -341,11 +341,12 @@ def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[Planne
 def _smallest_sufficient(
     selection: _TestSelection, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray
 ) -> SmallestTest:
-    """Fewest sensors, fewest lines and the number of averages, each of which alone lets the worst deviation reach the target.
+    """Fewest sensors, fewest lines and the factor on averages, each of which alone lets the worst deviation reach the target.
 
     The target is the relative standard deviation of `PlanOptions.target`. Sensors and lines are added greedily; their tests are
-    None if all candidates do not suffice. `chosen` is the test that averages and fewer lines start from, `loads` are indices of
-    candidates, and `lines` (n_lines, n_rows, n_params) square roots of the information of each line, R with R'R.
+    None if all candidates do not suffice. The factor is that by which `chosen` needs more averages. `loads` are indices of
+    candidates; `lines` (n_lines, n_rows, n_params) are roots R of the information R'R of each line, with the sensors and loads of
+    `chosen`.
     """
     target = float(selection.options.target or 0.0)
 

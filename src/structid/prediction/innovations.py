@@ -91,12 +91,16 @@ def judge_innovations(
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
-    There are two replicates or more, of as many samples and of the same directions. Open directions without a force of their own
-    contradict the model only if they are too large or clearly correlated in time; where the record does not state the noise of
-    its sensors (`has_stated_noise` false), only clear correlation does: the rest may be noise. Nothing contradicts it where more
-    independent unknown forces act than sensors measure (`is_distributed`). Mehra and Peschon (1971),
-    Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172 (replicates within the
-    uncertainty).
+    There are two replicates or more, of as many samples and of the same directions. Directions without a force of their own
+    contradict the model if they are too large or correlated in time; of the correlation of open ones only a clear one counts.
+    Where the record states the noise of its sensors (`has_stated_noise`) and replicates include other models (`is_uncertain`),
+    such directions must be larger by far, and a smaller excess is told as a doubt: forces of a narrow spectrum make it too. Where
+    the record does not state the noise, only clear correlation contradicts the model: the rest may be noise. Directions of forces
+    contradict it only if there are no others. Nothing does where more independent unknown forces act than sensors measure
+    (`is_distributed`).
+
+    Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
+    (replicates within the uncertainty).
     """
     forced, open_alone = record.is_forced, record.is_open & ~record.is_forced
 

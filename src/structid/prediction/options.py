@@ -39,7 +39,7 @@ class PredictOptions:
     filtered : bool
         The forces and accelerations of `history` were measured behind a filter against aliasing: they hold all that they had
         below half the sampling rate, which straight lines between samples would weaken. Designed loads, such as pulses and
-        steps, are not; displacements need it not.
+        steps, are not filtered. Displacements follow their spline in either case.
     half_sine : str
         A half-sine pulse as size, width in s and place, `500,0.01@12Y`: N, or m/s^2 at a support.
     sine : str

@@ -98,7 +98,7 @@ class PredictedChange(Shown):
     def overview(self) -> Overview:
         """A line with the quantity, and a table of its values before, after and of the change, with the deviation of the change.
 
-        Along axes of time or frequency there is no table.
+        The table has a row for each value, and none if an axis is time or frequency.
         """
         quantity, axes = self.before.quantity, self.before.quantity.axes
         words = f"{type(quantity).__name__} before and after a change, {quantity.unit}"

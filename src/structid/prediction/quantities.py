@@ -268,7 +268,7 @@ class History:
     is_filtered : bool or sequence of bool
         Whether the loads, or each of them, were measured behind a filter against aliasing: they then hold all that they had
         below half the sampling rate, which straight lines would weaken by 3 % at a tenth of the rate and by a fifth at a quarter
-        of it. Kept as one value an input.
+        of it. The attribute has a value for each input.
 
     Raises
     ------

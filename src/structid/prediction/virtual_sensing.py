@@ -119,7 +119,7 @@ class UnknownForces:
 
 @dataclass(frozen=True, eq=False)
 class LeftOutSensor:
-    """A sensor that was not used, beside what is sensed there.
+    """A sensor that was not used, and the motion that is sensed there.
 
     Attributes
     ----------
@@ -465,8 +465,9 @@ _DOUBTED = (
 def _slow_words(chosen: _ChosenForces, reduced: ReducedMatrices, n_outputs: int, motion: str) -> tuple[str, ...]:
     """A sentence where bands of the first `n_outputs` outputs rest on the spectrum that was estimated for the forces; else ().
 
-    Accelerometers hardly tell slow motion: their noise hides it. What remains open there is what the forces may do before the
-    record, whose size at low frequencies is no more than that of a spectrum fitted to high ones.
+    Bands do so where, from the lowest frequency on, more than half of the variance of the motion remains open, and this makes a
+    large part of the variance of its error. Accelerometers hardly tell slow motion: their noise hides it. Its band is then that
+    of forces whose size at low frequencies follows from a spectrum fitted to high ones. `motion` is the word for what is sensed.
     """
     smoother = chosen.smoother
     frequency = np.geomspace(smoother.rate / len(smoother.driving), smoother.rate / 2, _LOOKED_AT)
@@ -813,10 +814,11 @@ class _ChosenForces:
     def with_likeliest_frequency(self, reduced: ReducedMatrices, forces: FloatArray) -> _ChosenForces | None:
         """Forces of a spectrum of first order about the likeliest frequency; None where the frequency is not worth a parameter.
 
-        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency. Searches
-        with and without a frequency have a correlation time and a size; the frequency is one parameter more, which must raise
-        the greatest likelihood by enough: Schwarz (1978), Annals of Statistics 6, 461-464. None also for fewer than 16 samples, and
-        where the likeliest forces would move the sensors by far more than the record: such forces hide any model error.
+        The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency, with the
+        likeliest of a few correlation times. Searches with and without a frequency have a correlation time and a size; the
+        frequency is one parameter more, which must raise the greatest likelihood by enough: Schwarz (1978), Annals of Statistics
+        6, 461-464. None also for too few samples, and where the likeliest forces would move the sensors by far more than the
+        record: such forces hide any model error.
         """
         count, rate = len(forces), self.smoother.rate
         if count < _FEWEST:
@@ -1066,7 +1068,7 @@ class _Smoother:
         return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
 
     def _greatest_std(self, reduced: ReducedMatrices, decades: float) -> float:
-        """Largest plausible standard deviation of the unknown forces, N: so many decades above that which the motion asks for."""
+        """Largest plausible standard deviation of the unknown forces, N: 10^`decades` times that which the motion asks for."""
         return self._first_std(reduced) * 10**decades
 
     @property

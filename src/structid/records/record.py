@@ -303,7 +303,7 @@ class FrfRecord(Shown):
 
 
 def _is_magnitude(values: AnyArray) -> bool:
-    """True if values look like magnitudes: real, none negative, and not all equal; False for fewer than eight values."""
+    """True if values look like magnitudes: real, none negative, and not all equal; False for a few values, which prove little."""
     if values.dtype.kind not in "fiu" or values.size < _SEVERAL:
         return False
     return bool((values >= 0).all() and (values != values.flat[0]).any())

@@ -15,13 +15,13 @@ SENSING_PAGE = "sensed.html"
 
 
 def _motion_table(sensed: SensedMotion) -> Table:
-    """Table of the root mean square of each output and force, and of its deviation."""
+    """Table with a row for each output, then each force: root mean square of its values and of their standard deviations."""
     shown = sensed.overview()
     return Table(tuple(shown.header), tuple(map(tuple, shown.rows)), (1, 2))
 
 
 def left_out_table(sensed: SensedMotion) -> Table:
-    """Table of sensors that were left out: error over stated deviation, and what it means."""
+    """Table with a row for each sensor that was left out: error over stated deviation, and a verdict on it."""
     rows = tuple((str(dof), number(z, 2), _check_words(z)) for dof, z in sensed.checks)
     return Table(("Sensor, left out", "Error over stated deviation", "Verdict"), rows, (1,))
 
@@ -32,7 +32,7 @@ def _check_words(z: float) -> str:
 
 
 def _prior_words(sensed: SensedMotion) -> str:
-    """Words on the spectrum of the unknown forces; "" where there are none."""
+    """Words on size, correlation time and spectrum of the unknown forces before the record; "" where there are none."""
     if not sensed.force_dofs:
         return ""
     size, time = number(sensed.prior_std, 3), number(sensed.correlation_time, 3)

@@ -311,7 +311,8 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 async def _histories(bench: Workbench, request: Request) -> Response:
     """Answer with minimum and maximum of time histories in bins, with the keys of `histories`.
 
-    If the answer came from short samples of a long record, the record's overview is written in the background.
+    If the answer came from short pieces of a long record, the record's overview is written in the background, unless the folder
+    cannot be written.
     """
     body = await request.json()
     given = {key: body[key] for key in ("record", "options", "first", "last", "points")}

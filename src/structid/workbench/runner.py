@@ -51,7 +51,10 @@ def main() -> None:
 
 
 def _run_command(folder: Path, arguments: list[str]) -> int:
-    """Exit code of the structid command `arguments`, run to its end with all output appended to ``log.txt`` in `folder`."""
+    """Exit code of the structid command `arguments`, run to its end with all output appended to ``log.txt`` in `folder`.
+
+    Its process id is written to ``child.json`` there.
+    """
     with (folder / "log.txt").open("ab") as log:
         child = start_child(python_arguments("-m", "structid", *arguments), output=log, errors=log, has_group=False)
         (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")

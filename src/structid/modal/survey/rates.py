@@ -171,9 +171,10 @@ def _likely_alone(
 
 
 def _frequency_spans(identification: ModalIdentification, taken: NDArray[np.bool_]) -> FloatArray:
-    """Least and greatest frequency (Hz) of the poles of each mode of the mask `taken` (n_modes,), (n_taken, 2).
+    """Frequency spans (Hz), (n_taken, 2), of the modes in the mask `taken` (n_modes,): lower and upper end of each.
 
-    Wider by half a half-power bandwidth on either side; of the mode itself where there are no clusters.
+    A span reaches from the lowest to the highest pole of the mode, or lies at the mode where there are no clusters, and goes on
+    by half its half-power bandwidth on either side.
     """
     modes = identification.modes
     width = np.nan_to_num(modes.damping_ratio) * modes.frequency
@@ -188,8 +189,9 @@ def _limited(
 ) -> ModalIdentification:
     """Identification with the modes marked in `keep_mode` (n_modes,), and other poles from `least` to below `greatest` (Hz).
 
-    Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow. Poles within `others`
-    (n_others, 2), the frequency spans (Hz) of modes that the other analysis gives, are left out.
+    Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow. Other poles within `others`
+    (n_others, 2), the frequency spans (Hz) of modes that the other analysis gives, are left out. Of `left_out` those between
+    `least` and `greatest` are kept.
     """
     modes = identification.modes
     clusters = (

@@ -124,7 +124,7 @@ class ModesResult(Shown, ModesPlots):
     tones: tuple[Tone, ...] = ()
 
     def overview(self) -> Overview:
-        """Record, method and number of modes, and one row for each mode as `ModalRecord` shows it."""
+        """Line on title, method, modes and channels, and a table with a row for each mode, as `ModalRecord` shows it."""
         modes = self.modes.overview()
         return Overview(f"{self.title}, by {self.identification.method}: {modes.words}", modes.header, modes.rows)
 

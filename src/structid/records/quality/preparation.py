@@ -481,9 +481,10 @@ def rate_ratio(rate: float, wanted: float) -> Fraction:
 
 
 def decimation_filter(rate: float, ratio: Fraction) -> _Fir:
-    """Anti-alias filter for a change of sampling rate by `ratio` (new over old), at `rate` times the numerator, in Hz.
+    """Anti-alias filter for a change of the sampling rate `rate` (Hz) by `ratio` (new over old).
 
-    The gain is 1 within 0.001 dB up to 0.8 of the new Nyquist frequency, and -80 dB from that frequency on.
+    It runs at `rate` times the numerator of `ratio`. The gain is 1 within 0.001 dB up to the part `_PASS` of the new Nyquist
+    frequency, and at most -80 dB from that frequency on.
     """
     nyquist = rate * float(ratio) / 2
     fine = rate * ratio.numerator

@@ -63,9 +63,10 @@ def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, in
     """Runs of a repeated value that the samples around do not explain, as (first sample, sample after the last) each.
 
     With p the fraction of repeats among the samples on either side, a run of length L is expected N p^(L - 1) times among N
-    samples. A run is reported if that is below 0.001, it is longer than eight times the 98 % quantile of all run lengths
-    (crests in coarse steps), and the signal around it moves by four steps of the converter or more (else a decay has died
-    out).
+    samples. A run is reported if that is below the chosen number of false alarms, it is longer than eight times the 98 % quantile
+    of all run lengths (crests in coarse steps), or than four samples if that quantile is 1, and the signal before or after it
+    moves by four steps of the converter or more (else a decay has died out). There are none in fewer than 16 samples or four
+    runs.
 
     Parameters
     ----------
@@ -103,8 +104,8 @@ def spikes(y: FloatArray) -> Flags:
     """Mask (n_times,) of single samples of `y`, up to about three in a row, that lie off the motion around them.
 
     e_i = y_i - (y_(i-1) + y_(i+1)) / 2 is compared with the median of |e| in blocks of samples, the greatest of a
-    block and its neighbours; the limit is 1.6 times the Gaussian quantile for a chosen number of false alarms per channel. A spike
-    starts and ends on the motion (the sum of e and its first moment vanish over it) and leaves nothing behind: a step, a
+    block and its neighbours; the limit is the Gaussian quantile for a chosen number of false alarms per channel, with a margin. A
+    spike starts and ends on the motion (the sum of e and its first moment vanish over it) and leaves nothing behind: a step, a
     kink or a shock that rings is no spike. Records shorter than two blocks have none.
     """
     from scipy.stats import norm

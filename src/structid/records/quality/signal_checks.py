@@ -61,9 +61,10 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
 
 
 def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
-    """Findings on each channel of `record` in turn: constant or dead, else clipping, drop-outs, double hits, spikes and level.
+    """Findings on each channel of `record` in turn: constant or dead, else faults of its samples and a level that is unusual.
 
-    Empty for a record without faults; a constant or dead channel has no other finding.
+    Faults are clipping, late starts, drop-outs, double hits of forces and spikes of motions. Empty for a record without
+    faults; a constant or dead channel has no other finding.
     """
     level = record.values.std(axis=0)
     usual = _usual_level(record, level)
@@ -112,7 +113,7 @@ def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding |
 
 
 def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
-    """Findings on clipping, drop-outs, double hits (forces) and spikes (motions) in channel `i` of `record` (from 0)."""
+    """Findings on clipping, late start, drop-outs, double hits (forces) and spikes (motions) in channel `i` (from 0)."""
     y, name, n = record.values[:, i], channel_name(record, i), len(record.values)
     unit = record.units[i]
     findings: list[Finding] = []
@@ -140,7 +141,10 @@ def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
 
 
 def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
-    """Findings on drop-outs and on a late start, a run of one value from the first sample on, in channel `i` of `record`."""
+    """Findings on a late start, a run of one value from the first sample on, and on drop-outs, in channel `i` (from 0).
+
+    A force that rests at first has no late start.
+    """
     y, name = record.values[:, i], channel_name(record, i)
     findings: list[Finding] = []
     runs_of_one = drop_outs(y, clipped_samples(y))

@@ -27,7 +27,8 @@ def spectral_checks(
 ) -> tuple[Finding, ...]:
     """Findings on record length, aliasing and mains hum in the motion channels among `sound`, which are column indices.
 
-    `band` (Hz) is the range of interest, whose lower end says how long the record has to be. Empty if there is no such channel.
+    `band` (Hz) is the range of interest, whose lower end says how long the record has to be; without it the spectrum does. Empty
+    if there is no such channel; a record too short for a spectrum has that finding alone.
     """
     n = len(record.values)
     motion = [i for i in sound if record.quantities[i] != "force"]

@@ -275,7 +275,7 @@ def _require_moving(spectra: Spectra, outputs: tuple[Dof, ...], frequency: Float
 def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) -> float:
     """Number of independent segments that give a spectrum the same variance as the overlapping segments do.
 
-    The sum over records; for one of K segments with the weights w:
+    It is summed over the records. A record of K segments under the window w has
     K / (1 + 2 sum_j (1 - j / K) r_j), r_j = (sum_k w_k w_(k + j step))^2 / (sum_k w_k^2)^2.
 
     Parameters

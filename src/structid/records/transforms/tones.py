@@ -411,12 +411,12 @@ class _Search:
 
 
 def _count_time_constants(frequency: float, duration: float) -> float:
-    """Number of time constants 1 / (zeta omega) of a mode of 0.1 % damping at a frequency (Hz) in `duration` (s)."""
+    """Number of time constants 1 / (zeta omega) in `duration` (s) of a mode at `frequency` (Hz) with very low damping."""
     return 2 * np.pi * frequency * duration * _LEAST_DAMPING
 
 
 def _ratios(ratio: float) -> list[float]:
-    """Ratios m / n, n up to 4 and m up to 12, within 0.3 % of `ratio` and other than 1, ascending."""
+    """Ratios m / n, n up to 4 and m up to 12, near `ratio` (relatively within half of `_RANGE`) and other than 1, ascending."""
     near = {m / n for n in (1, 2, 3, 4) for m in range(1, 13) if m != n and abs(ratio * n / m - 1) < _RANGE / 2}
     return sorted(near)
 

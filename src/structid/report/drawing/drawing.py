@@ -237,8 +237,9 @@ def _connector(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Path (n, 2), wall line (n, 2) and centre (2,) of the symbol of a spring, dashpot or friction contact, in drawing units.
 
-    `index` is the element's row in its set; `obstacles` decide on which side of its nodes the symbol is drawn; `taken` counts
-    the parallel connectors drawn so far, and is increased. The wall line is empty unless the connector goes to the ground.
+    `index` is the element's row in its set; `obstacles` decide how far the symbol is shifted and to which side the ground lies;
+    `taken` counts the parallel connectors drawn so far, and is increased. Only a connector of a translation to the ground has a
+    wall line; others have an empty one.
     """
     first = element.first[index]
     second = None if element.second is None else element.second[index]
@@ -407,8 +408,8 @@ def _bounds(
 ) -> tuple[float, float, float, float]:
     """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin of 4 %.
 
-    `texts` are pairs of text and centre; `per_inch` is the number of drawing units in an inch of text. `corners` is (n,
-    2), centres are (2,) and each of `paths` is (n, 2).
+    `texts` are pairs of text and centre (2,); `per_inch` is the number of drawing units in an inch of text. `corners` and each of
+    `paths` are (n, 2).
     """
     half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
     boxes = [at + sign * half * (len(text), 1.0) for text, at in texts for sign in (-1.0, 1.0)]
@@ -419,7 +420,7 @@ def _bounds(
 
 
 def _node_texts(structure: Structure, nodes: Sequence[int]) -> tuple[str, ...]:
-    """Hover texts of the nodes `nodes`: label, coordinates (m) and fixed directions."""
+    """Hover texts of `nodes`, in their order: label, coordinates (m) and fixed directions."""
     fixed_directions: dict[int, list[str]] = {}
     for dof in structure.fixed:
         fixed_directions.setdefault(dof.node, []).append(dof.direction)
@@ -444,13 +445,14 @@ class Label:
 def place_without_overlap(
     labels: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
 ) -> tuple[list[tuple[Label, FloatArray]], int]:
-    """Labels placed without overlap, each with the centre of its text, and the number of labels left out.
+    """Labels placed without overlap, each with the centre (2,) of its text, and the number of labels left out.
 
-    Of the free positions, the one that covers the fewest obstacles is taken.
+    Of the positions that are free of earlier labels, the one that covers the fewest obstacles is taken; a label without such a
+    position is left out.
 
     Parameters
     ----------
-    wanted : sequence of Label
+    labels : iterable of Label
         In order of importance.
     character : (float, float)
         Width and height of a character, in the units of the drawing.

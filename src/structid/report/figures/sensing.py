@@ -26,7 +26,7 @@ def sensed_figure(sensed: SensedMotion) -> plot.Figure:
 
 
 def left_out_figure(sensed: SensedMotion) -> plot.Figure:
-    """Figure of sensors that were left out: what they measured, over the 95 % band of what is sensed there and their noise."""
+    """Figure of sensors that were left out, one at a time: what they measured, and its 95 % band by what is sensed there."""
     panels = []
     for sensor in sensed.left_out:
         y = plot.Axis(sensor.motion, QUANTITY_UNITS[sensor.motion][0])
@@ -57,7 +57,7 @@ def forces_figure(sensed: SensedMotion) -> plot.Figure:
 def _panel(
     time: FloatArray, value: FloatArray, std: FloatArray, y: plot.Axis, title: str, colour: str, *others: plot.Trace
 ) -> plot.Panel:
-    """Panel of a history (n_times,) with its band in `colour`, and other curves above it."""
+    """Panel of a sensed history `value` (n_times,) with its 95 % band in `colour`, and the curves `others` above it."""
     stride = _stride(time)
     x, middle, half = time[::stride], value[::stride], _BAND * std[::stride]
     return plot.panel(
@@ -71,12 +71,15 @@ def _panel(
 
 
 def _stride(time: FloatArray) -> int:
-    """One sample in so many is drawn."""
+    """Step between the samples that are drawn, so that a history over `time` has at most `MOST_POINTS` of them."""
     return max(1, -(-len(time) // MOST_POINTS))
 
 
 def _caption(what: str, sensed: SensedMotion) -> str:
-    """Sentence on the band; where the model does not explain the record, that it may miss."""
+    """Caption on the band and on samples that are not drawn; `what` is the word for what the band holds.
+
+    Where the model does not explain the record, it says that the band would hold the truth if the model were right.
+    """
     stride = _stride(sensed.time)
     drawn = f" One sample in {stride} is drawn." if stride > 1 else ""
     if not sensed.is_explained:

@@ -71,7 +71,7 @@ class _Scene:
     used : list of int
         Axes that are drawn: 0, 1, 2 for X, Y, Z.
     rows : (n_nodes, 3) int array
-        Index of each node's displacement in X, Y, Z among the free degrees of freedom; -1 where it is fixed.
+        Index of each node's displacement in X, Y, Z among the free degrees of freedom; -1 where it is none of these.
     at : (n_channels,) int array
         Node index of each sensor.
     along : (n_channels, 3) float array

@@ -341,7 +341,8 @@ def _span(frequency: FloatArray) -> str:
 def _gaps(record_frequency: FloatArray, fit_frequency: FloatArray) -> str:
     """Text on frequency ranges inside the band that were left out, beginning with a comma; "" if there are none.
 
-    `record_frequency` and `fit_frequency` (n,) are the frequencies of the record and of the fit, Hz, increasing.
+    It gives the number of lines instead if there are many ranges. `record_frequency` and `fit_frequency` (n,) are the
+    frequencies of the record and of the fit, Hz, increasing.
     """
     inside = record_frequency[(record_frequency >= fit_frequency[0]) & (record_frequency <= fit_frequency[-1])]
     out = ~np.isin(inside, fit_frequency)
@@ -438,7 +439,10 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 
 def _pull(fit: ModalFit) -> str:
-    """Text on how many parameters each kind of measured value (frequencies, shapes, ...) determines, and its part of the misfit."""
+    """Text on how many parameters each kind of measured value (frequencies, shapes, ...) determines, and its part of the misfit.
+
+    Priors are named last where they determine a part. It says so if these modes alone do not determine every parameter.
+    """
     from structid.forward.modal.problem import influence_by_kind  # for records of modes alone
 
     found = influence_by_kind(fit.problem, fit.theta)

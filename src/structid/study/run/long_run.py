@@ -231,7 +231,7 @@ class _Keeper:
 
 @dataclass(frozen=True, eq=False)
 class LineSegments:
-    """The problems of segments of lines of `problem`, as a worker comes to them."""
+    """Problems on segments of the lines of `problem`, each made when it is first asked for and kept in `made`."""
 
     problem: FrfProblem
     made: dict[tuple[int, int], FrfProblem] = field(default_factory=dict)

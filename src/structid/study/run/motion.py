@@ -328,8 +328,8 @@ def reduced_on(
         Workers that see the records by the same paths.
     fit : RecursiveMotionFit
         Fit to continue; its number of samples says where.
-    whole : MotionTaskData
-        Structure, unknowns and records.
+    task_data : MotionTaskData
+        Structure, unknowns, records and kernels.
     checkpoint : Path, optional
         File that keeps the fit of what was merged so far.
     progress : callable, optional

@@ -230,7 +230,7 @@ def value_of(text: str) -> str:
 
 
 def _require_toml(text: str, words: str) -> dict[str, Any]:
-    """The content of a TOML text; `InputError`, which begins with `words`, if it is none."""
+    """Content of the TOML text `text`; `InputError`, whose message begins with `words`, if it is no TOML."""
     try:
         return parse_toml(text)
     except (ValueError, RecursionError) as error:

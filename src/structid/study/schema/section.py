@@ -214,7 +214,7 @@ _MEANT = {
 def _nearest(name: str, value: JsonValue, keys: Mapping[str, Key]) -> list[str]:
     """Names of the keys most similar to `name`, among those that may hold a table if `value` is one, else a plain value.
 
-    Of words in `_MEANT` they are the keys that say the same.
+    A word in `_MEANT` has the keys listed there instead, as far as `keys` has them.
     """
     meant = [key_name for key_name in _MEANT.get(name, ()) if key_name in keys]
     if meant:

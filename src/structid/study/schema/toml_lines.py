@@ -102,7 +102,8 @@ def read_key(tokens: TomlTokens, end: str) -> tuple[list[str], int]:
 def header(tokens: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
     """The path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `tokens`, with positions in arrays of tables.
 
-    `counts` holds the present length of each array and is updated. The index in the text of each part is noted in `lines`.
+    `counts` holds the present length of each array and is updated. The index in the text where the path begins is noted in `lines`
+    for each table on the way that is not there yet.
     """
     tokens.pop()
     is_array = tokens[-1][0] == "["

@@ -139,8 +139,9 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Store
 def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> StoredEntry:
     """Magnitude, phase and coherence of a study's FRF record, with the study's frequency band and excluded bands (Hz).
 
-    `outputs` are names of channels, all if empty; `number` counts the study's records from 0. Besides ``band`` and ``exclude``
-    the answer has ``frequency`` (Hz) and ``pairs``, packed arrays of each output and input.
+    `outputs` are names of channels, all if empty; `number` counts the study's records from 0. The answer has ``band``,
+    ``exclude`` and the keys of `structid.workbench.work.signals.responses`: ``frequency`` (Hz), ``pairs``, packed arrays of each
+    output and input, and what describes them. `InputError` if the record holds modes.
     """
     from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
@@ -199,8 +200,8 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
 def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
 
-    ``frequency`` (Hz) is packed and thinned where there are many lines; ``channels`` are mappings of name and packed magnitude,
-    empty for a record without FRFs.
+    ``frequency`` (Hz) is packed and thinned where there are many lines; ``channels`` are mappings of name and packed magnitude.
+    For a record without FRFs, or responses that are not finite, ``channels`` is empty and there is no ``frequency``.
     """
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study

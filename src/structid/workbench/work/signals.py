@@ -129,9 +129,10 @@ def histories(
 ) -> dict[str, StoredEntry]:
     """Minimum and maximum of every channel in at most `points` bins of equal length between the times `first` and `last` (s).
 
-    ``time`` (s) holds the starts of the bins, ``low`` and ``high`` a packed row for each channel, ``names`` and ``units`` those
-    of the channels, ``seconds`` the length of the record. Long ranges of a file too large for memory are taken from its overview;
-    as long as there is none, a few pieces of the range are read and ``sampled`` is True.
+    ``time`` (s) holds the packed starts of the bins, ``low`` and ``high`` a packed row for each channel, ``names`` and ``units``
+    those of the channels, ``seconds`` the length of the record. Long ranges of a file too large for memory are taken from its
+    overview; as long as there is none, short pieces spread over the range stand in for the bins, as many whatever `points` is,
+    and ``sampled`` is True.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def histories(
         None is the end of the record.
     points : int
         Limited to 50 to 4000.
-    kept : Path
+    overviews : Path
         Folder in which `write_overview` stores the minimum and maximum of long records.
 
     Raises

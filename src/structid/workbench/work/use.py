@@ -144,7 +144,8 @@ def predict_use(
 
     The answer holds ``changes``, ``bands`` and ``modes`` of `prediction_summary` and, if an FRF was predicted, ``frf``: packed
     frequency (Hz), ``unit``, ``kind``, the supports that ``moved``, and curves before and after. Under the loads of a file there
-    is ``history``: packed time (s), ``unit``, the loads in ``words``, curves, and the largest value before and after.
+    is ``history``: packed ``time`` (s), ``unit``, the loads in ``words``, curves, and the ``largest`` value with its 95 % interval,
+    before and after.
 
     Parameters
     ----------

@@ -305,12 +305,12 @@ def _undated(line: str, separator: str, dated: set[int]) -> list[str]:
 
 
 def _ends_empty(line: str, separator: str, count: int) -> bool:
-    """True if a line has `count` separators `separator`, one for each column, and ends with a separator."""
+    """True if a line has `separator` `count` times, once for each column, and ends with it, blanks apart."""
     return line.rstrip().endswith(separator) and line.rstrip().count(separator) == count
 
 
 def _with_nan(line: str, separator: str) -> str:
-    """The line with ``nan`` written into its empty cells, except the first; `separator` is the separator."""
+    """The line with ``nan`` written into its empty cells, except the first; `separator` stands between cells."""
     empty = separator + separator
     if empty in line:
         line = line.replace(empty, f"{separator}nan{separator}").replace(empty, f"{separator}nan{separator}")

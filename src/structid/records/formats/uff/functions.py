@@ -343,8 +343,14 @@ def _axis_unit(path: Path, function: Dataset58, kind: _AxisKind, options: ReadOp
 def one_axis_unit(path: Path, functions: list[Dataset58], kind: _AxisKind, options: ReadOptions) -> tuple[float, str]:
     """Factor from the common abscissa of `functions` to Hz or s, and a note on its unit ("" for Hz or s by the label).
 
-    `kind` is "frequencies" or "times"; the option `axis_unit` gives a unit that labels do not state. Raises `FileError` if the
-    functions have different units.
+    `kind` is "frequencies" or "times"; the option `axis_unit` gives a unit that labels do not state.
+
+    Raises
+    ------
+    FileError
+        If the functions have different units, or one has another abscissa or states no unit.
+    InputError
+        If the option contradicts the file.
     """
     units = [_axis_unit(path, function, kind, options) for function in functions]
     for function, unit in zip(functions, units, strict=True):

@@ -110,12 +110,14 @@ class _Pairs(NamedTuple):
 def _read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> _Pairs:
     """Functions of types `kinds` in the universal file at `path` by (response, reference), between the channels of `options`.
 
-    Returns the file's blocks, the functions, the factors of dataset 164 (None if `options.units` is set) and a note on windows.
+    Returns the file's blocks, the functions, the factors of dataset 164 (None if `options.units` is set or the file has none) and
+    a note on windows.
 
     Raises
     ------
     FileError
-        If there are none, or a pair occurs twice; `words` describe the functions in messages.
+        If there are none, a pair occurs twice, or a node belongs to several components; `words` describe the functions in
+        messages.
     InputError
         If an option does not apply to them, or names a channel that the file lacks.
     """

@@ -238,7 +238,8 @@ def _change_words(position: DeckPosition, number: DeckNumber, before: str, after
 def _nastran_numbers(source: _DeckModel, structure: Structure, element_property: ElementValues) -> Iterator[DeckNumber]:
     """New numbers for the cards of a Nastran deck that hold a property of an element set; none if no card does.
 
-    `element_property` has the name of the set and of the property, and the identified values, one an element.
+    `element_property` has the name of the set and of the property, and the identified values, one an element. `InputError` if
+    values differ within a set that has one number, a node has no or several cards CONM2, or a material cannot be written.
     """
     label = f"{element_property.name}[{element_property.element}]"
     if element_property.element in source.group_of:
@@ -342,9 +343,9 @@ def _require_same(
         The deck.
     where : str
         Name of the material or property in the deck.
-    item : ElementValues
+    element_property : ElementValues
         Property of the element set that is written.
-    other : str or None
+    other_set : str or None
         Another element set that has the same number; None if no set of the study has it.
     value : float
         New value, in the units of the deck.
@@ -369,7 +370,8 @@ def _abaqus_numbers(source: _DeckModel, structure: Structure, element_property: 
     """New numbers for the keyword lines of an Abaqus deck that hold a property of an element set.
 
     `element_property` has the name of the set and of the property, and the identified values, one an element. Nothing is
-    yielded if no line holds it. `InputError` if the set has no section, or elements with another value share the material.
+    yielded if no line holds it. `InputError` if the set has no section, its values differ, elements with another value share the
+    material, or the material has more than one number.
     """
     label = f"{element_property.name}[{element_property.element}]"
     kind, _, name = element_property.element.partition(" ")

@@ -197,7 +197,7 @@ def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, 
 def _own_numbering(entry: Section, by_key: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
     """The degrees of freedom that the matrix files of a group state for their rows, each once, in the order of nodes.
 
-    `by_key` are the imported matrices by key of the entry; () if there are none, an error if a file states no numbering.
+    `by_key` are the imported matrices by key of the entry; () if there are none, `StudyError` if a file states no numbering.
     """
     tables: list[IntArray] = []
     for key, imported_matrices in by_key.items():
@@ -220,7 +220,8 @@ def _sum_matrices(
 ) -> sparse.csc_array:
     """The sum of the matrices `imported_matrices` of a key, on `dofs` and in SI units, sparse (n_dofs, n_dofs).
 
-    `units` are those of length and force in the files.
+    `units` are those of length and force in the files. `InputError`, with the place in the study, if a matrix without a numbering
+    of its own has another size.
     """
     total = sparse.csc_array((len(dofs), len(dofs)))
     with entry.located(key):
