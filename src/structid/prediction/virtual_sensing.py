@@ -407,7 +407,7 @@ def _within_uncertainty(
     """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
 
     Outputs are, in order, the wanted ones, left-out sensors and unknown forces, whose spectrum is that of `chosen`; `seed` is that
-    of the 20 simulated records with which the innovations are compared.
+    of the simulated records with which the innovations are compared.
     """
     smoother, std = chosen.smoother, chosen.std
     fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])

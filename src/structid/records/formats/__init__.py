@@ -46,7 +46,7 @@ __all__ = [
 def _format_of(path: Path) -> FormatModule | LoggerFormat:
     """The module, or the logger's format, that reads files with the suffix of `path`; the file is not opened.
 
-    Raises `FileError` if no format has this suffix.
+    Raises `FileError` if no format has this suffix, or it is a folder.
     """
     suffix = path.suffix.lower()
     formats: tuple[FormatModule | LoggerFormat, ...] = (*FORMATS, *LOGGERS)

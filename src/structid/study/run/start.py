@@ -107,7 +107,9 @@ def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
-    """The problem of each record of a study, before any response is computed.
+    """The problem of each record of a study, before its responses are computed.
+
+    Measured modes beyond all of the model are left out.
 
     Raises
     ------

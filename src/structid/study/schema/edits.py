@@ -148,7 +148,7 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
     Raises
     ------
     InputError
-        If the text is written in a way that has no line for the change.
+        If the text is written in a way that has no line for the change, or would be no TOML after it.
     """
     after: Any = parse_toml(text)
     entries = list(_numbered_entries(after))  # kept alive: a new table could have the identity of one that is gone
