@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -311,8 +313,6 @@ def test_titles_and_names_are_told_as_texts(bench):
     assert status == 200
     assert headers["content-type"] == "application/json"
     assert EVIL in [one["title"] for one in json.loads(body)["studies"]]
-    from importlib.resources import files
-
     static = Path(str(files("structid.workbench") / "static"))
     for path in (path for path in static.rglob("*") if path.is_file()):
         text = path.read_text(encoding="utf-8")
@@ -334,3 +334,14 @@ def test_it_listens_on_this_machine_only(bench):
         rows = [line.split() for line in stream][1:]
     listening = [row[1] for row in rows if row[3] == "0A" and int(row[1].split(":")[1], 16) == bench[0].port]
     assert listening == [f"0100007F:{bench[0].port:04X}"]
+
+
+def test_modules_of_the_page_import_modules_that_are_served():
+    static = Path(str(files("structid.workbench") / "static"))
+    missing = [
+        (path.name, name)
+        for path in static.rglob("*.js")
+        for name in re.findall(r"""(?:from|import)\s*\(?\s*["'](\.[^"']+)["']""", path.read_text(encoding="utf-8"))
+        if not (path.parent / name).is_file()
+    ]
+    assert missing == []

@@ -137,8 +137,8 @@ async def _step(_: Workbench, request: Request) -> Response:
     return _static(request.path_params["name"], "steps")
 
 
-async def _build(_: Workbench, request: Request) -> Response:
-    return _static(request.path_params["name"], "build")
+async def _editor(_: Workbench, request: Request) -> Response:
+    return _static(request.path_params["name"], "editor")
 
 
 def _static(name: str, folder: str = "") -> Response:
@@ -579,7 +579,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/", _index),
     ("GET", "/static/{name}", _file),
     ("GET", "/static/steps/{name}", _step),
-    ("GET", "/static/build/{name}", _build),
+    ("GET", "/static/editor/{name}", _editor),
     ("GET", "/view/{name:path}", _view),
     ("GET", "/api/folder", _folder),
     ("POST", "/api/open", _open),
