@@ -1,11 +1,11 @@
 // The editor of a structure: nodes, beams, bars, masses and springs in tables beside the picture; each edit is written to the study.
 import {get} from "../api.js";
+import {field, fill, h, options} from "../dom.js";
 import {TITLES} from "../editor/cell_texts.js";
 import {nodesTable} from "../editor/nodes_table.js";
 import {planPlaces} from "../editor/plan_places.js";
 import {readableLine} from "../editor/readable.js";
 import {setsTables} from "../editor/sets_tables.js";
-import {field, fill, h, options} from "../dom.js";
 import {Editor} from "../editor.js";
 import {sceneStage} from "../scene.js";
 import {StructurePicture} from "../structure_picture.js";
