@@ -638,4 +638,4 @@ def test_pages_example_runs_in_python():
     page = (Path(__file__).parents[2] / "docs" / "plan.md").read_text(encoding="utf-8")
     names = {"print": lambda *words: None}
     exec(page.split("```python\n")[1].split("```")[0], names)
-    assert names["found"].determined
+    assert names["planned"].determined
