@@ -252,7 +252,7 @@ def check_study(study: Study) -> CheckResult:
 
 
 def _mesh_warning(study: Study, mesh: MeshErrors) -> str:
-    """What is wrong with the mesh, and who mends it: an identification divides beams by itself where the study lets it."""
+    """Sentence on a mesh that is too coarse and on who mends it: an identification divides beams where the study lets it."""
     if not study.leaves_pieces_open or any(element.cells for element in mesh.structure.elements):
         return mesh.words
     return f"{mesh.finding}; `structid identify` divides beams and bars until this moves no value"
