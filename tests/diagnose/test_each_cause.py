@@ -89,7 +89,7 @@ NUMBERS = ("offset", "direction", "load_direction", "between", "load_between")
 #: of beams in space.
 ELSEWHERE = {
     "load_polarity", "load_swap", "channel", "record", "outlying_lines", "tone", "extra_mode", "varies", "clock",
-    "turned_section",
+    "turned_section", "record_gain",
 }  # fmt: skip
 
 

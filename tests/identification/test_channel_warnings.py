@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from structid import Base, Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
-from structid.diagnose.checks.aligned_responses import _can_judge, aligned, in_order, resonance_pairs
+from structid.core.units import STANDARD_GRAVITY
+from structid.diagnose.checks.aligned_responses import ResonancePair, _can_judge, aligned, in_order, resonance_pairs
 from structid.diagnose.checks.channels import channel_warnings
 from structid.forward import FrfProblem, simulated_record
 
@@ -164,6 +165,31 @@ def test_a_load_of_several_is_named():
     assert any(words.startswith("load 3X+") and "lbf" in words for words in told(with_values(made, times(4.448, i=1))))
     turned = told(with_values(made, times(-1, i=1)))
     assert any(words.startswith("load 3X+ acts with the opposite sense") for words in turned)
+
+
+@pytest.mark.parametrize("loads", [("5X", "2X"), ("5X", "3X", "1X")])
+def test_loads_that_are_off_alike_are_told_together_and_not_beside_each_other(loads):
+    """All accelerations are in g and read as m/s^2; of two loads the one that is off differs from the other."""
+    together = []
+    for seed in range(7):
+        made = problem(far(seed), loads=loads, seed=seed)
+        together += told(with_values(made, times(1 / STANDARD_GRAVITY)))
+        alone = told(with_values(made, times(4.448, i=1)))
+        assert [words.split(":")[0] for words in alone if words.startswith("load")] == [f"load {loads[1]}+"]
+    assert len(together) >= 5
+    assert all("accelerations look to be in g and were read as m/s^2" in words for words in together)
+
+
+@pytest.mark.parametrize(("loads", "is_told"), [(("5X", "2X"), True), (("5X",), False)])
+def test_a_factor_far_off_on_which_loads_agree_needs_half_of_the_resonances_only(loads, is_told):
+    """Where a resonance of two has no like, parameters that start far off give no such factor at two loads."""
+    made = with_values(problem(far(4), loads=loads), times(1 / STANDARD_GRAVITY))
+    comparison = aligned(made, made.predicted(np.asarray(made.theta_start)))
+    both = [pair for pair in comparison.pairs if np.isfinite(pair.mac)]
+    half = replace(comparison, pairs=(*both, *[ResonancePair(1.0, np.nan, np.nan)] * len(both)))
+    assert any("in g and were read as m/s^2" in words for words in channel_warnings(half).words) == is_told
+    fewer = replace(comparison, pairs=(*half.pairs, ResonancePair(1.0, np.nan, np.nan)))
+    assert channel_warnings(fewer).of_loads == ()
 
 
 def test_the_sense_of_the_only_load_is_named_where_it_is_not_measured():

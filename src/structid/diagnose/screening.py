@@ -31,7 +31,7 @@ from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.delay import SensorDelay
 from structid.diagnose.causes.fixed_value import fixed_values
 from structid.diagnose.causes.friction import FORCES
-from structid.diagnose.causes.gain import LoadGain
+from structid.diagnose.causes.gain import LoadGain, RecordGain
 from structid.diagnose.causes.offset import MassOffset
 from structid.diagnose.causes.separate_element import DifferingElement
 from structid.diagnose.data_rows import rows_of, scaled_misfit
@@ -138,7 +138,7 @@ def shortlist_candidates(
     points = screening_points(base)
     names = titles(base.modified.setups)
     faulty = _faulty(base)
-    certain = faulty | _exchanged(base, points)
+    certain = faulty | _exchanged(base, points, names)
     nearest_first = range(len(points))[::-1]
     answers = map_within_budget(budget, work, name, _screen_candidates, (tuple(points), names), nearest_first, least=1)[
         ::-1
@@ -242,11 +242,11 @@ def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Col
     return [Screened(candidate, float(candidate.strengths.max()), base.misfit) for candidate in stuck[:MOST_FEET]]
 
 
-def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
+def _exchanged(base: FittedModel, points: Sequence[Point], names: Sequence[str]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
-    These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening; empty
-    for modes.
+    These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening, `names`
+    those of the records; empty for modes.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -257,7 +257,8 @@ def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
         if modified.is_large
         else modified.point_at(modified.anchored_views(), np.asarray(modified.target.theta_start))
     )
-    rows = point.screened([*exchanged_channels(point.records), *LoadGain.from_receptances(point.records, ("",))])
+    gains = [one for kind in (LoadGain, RecordGain) for one in kind.from_receptances(point.records, names)]
+    rows = point.screened([*exchanged_channels(point.records), *gains])
     return {row.candidate.key for row in rows if row.left < INITIAL_PART * point.left}
 
 

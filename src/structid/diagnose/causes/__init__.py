@@ -24,7 +24,7 @@ from structid.diagnose.causes.direction import LoadDirection, SensorDirection
 from structid.diagnose.causes.extra_mode import ExtraMode
 from structid.diagnose.causes.fixed_value import FixedValue
 from structid.diagnose.causes.friction import DryFriction
-from structid.diagnose.causes.gain import LoadGain, SensorGain
+from structid.diagnose.causes.gain import LoadGain, RecordGain, SensorGain
 from structid.diagnose.causes.joint import FlexibleJoint
 from structid.diagnose.causes.leakage import Leakage
 from structid.diagnose.causes.mass import Mass
@@ -59,7 +59,7 @@ OF_MODEL: tuple[type[Candidate], ...] = (
 )  # fmt: skip
 #: Changes of channels: those that any model shows, and those that need its receptances.
 OF_CHANNELS: tuple[type[Candidate], ...] = (
-    SensorGain, LoadGain, SensorDelay, LoadDelay, SensorPolarity, LoadPolarity, SwappedSensors, SwappedLoads,
+    SensorGain, LoadGain, RecordGain, SensorDelay, LoadDelay, SensorPolarity, LoadPolarity, SwappedSensors, SwappedLoads,
 )  # fmt: skip
 OF_PLACES: tuple[type[Candidate], ...] = (SensorDirection, LoadDirection, SensorBetween, LoadBetween)
 #: Changes whose effect is that of the changed model itself.

@@ -1,16 +1,18 @@
-"""The calibration or the unit of a sensor or load is off."""
+"""The calibration or the unit of a sensor or load, or of all sensors of a record, is off."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import parse_dof
+from structid.core.errors import InputError
 from structid.core.units import MISTAKEN_FORCES, mistaken_motions, mistaken_unit
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channels import FACTORS, channels, index_of
@@ -18,11 +20,13 @@ from structid.diagnose.effects import scaled_channel
 from structid.diagnose.model_edits import AddChannelError, Edits, rounded
 from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel
+from structid.identification.setups.modal import ModalSetup
 
 #: Difference of a gain's logarithm from that of another unit within which it is taken for it.
 _UNIT = 0.05
 #: Logarithm of a gain that a linear look may ask for, at most; factor by which a calibration may be off.
 _LARGEST_LOG, MOST_GAIN = 20.0, 30.0
+_ALL_SENSORS = "all sensors"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,7 +106,7 @@ class LoadGain(Candidate):
         """
         if self.is_motion:
             return _unit_of_motion(self.where[0], gain)
-        return "" if gain is None or gain <= 0 else mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
+        return "" if gain is None or gain <= 0 else _unit_of_force(1 / gain)
 
     def named_kind(self, value: float | None) -> str:
         return "unit" if self.mistaken_unit(value) else self.kind
@@ -113,6 +117,95 @@ class LoadGain(Candidate):
             return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
         sentence = gain_sentence(f"the motion of support {self.where[0]}", self.mistaken_unit(value), value)
         return sentence + (", or all sensors are off the other way round" if self.is_alone else "")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordGain(Candidate):
+    """All sensors of a record that read too much or too little by one factor; the strength is the logarithm of this.
+
+    Responses do not distinguish it from the inverse factor on all loads. With one load that is `LoadGain`.
+
+    Attributes
+    ----------
+    are_rotations : tuple of bool
+        True for sensors of rotations, False for those of translations; both where the record has both.
+    sensor : str
+        The only sensor of the record; "" where there are several.
+    record_name : str
+        Of one record of several; else "".
+    """
+
+    kind: ClassVar[str] = "record_gain"
+    begins_at_start: ClassVar[bool] = True
+    record: int | None = 0
+    are_rotations: tuple[bool, ...] = (False,)
+    sensor: str = ""
+    record_name: str = ""
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
+        """A candidate, with logarithms of gains, for each record of several loads that is not per motion of a support."""
+        for number, receptances in enumerate(records):
+            record = receptances.problem.record
+            if len(record.inputs) < 2 or record.is_per_motion:
+                continue
+            name = record_names[number] if len(records) > 1 and len(record_names) == len(records) else ""
+            are_rotations = tuple(sorted({dof.is_rotation for dof in record.outputs}))
+            sensor = record.outputs[0].place if len(record.outputs) == 1 else ""
+            yield cls(
+                where=(sensor or _ALL_SENSORS, *([name] if name else [])),
+                record=number,
+                strengths=_log_gains([*chain.from_iterable(map(mistaken_motions, are_rotations)), *MISTAKEN_FORCES]),
+                are_rotations=are_rotations,
+                sensor=sensor,
+                record_name=name,
+            )
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        change: ComplexArray = np.expm1(strengths)[:, None, None, None] * receptances.frf
+        return change
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edit that makes the gain an unknown of the record.
+
+        Raises
+        ------
+        InputError
+            If the record is of modes, whose shapes have no scale.
+        """
+        if isinstance(model.setups[self.record or 0], ModalSetup):
+            raise InputError("modes do not show a gain that all sensors share")
+        start = rounded(float(np.exp(np.clip(strength, -_LARGEST_LOG, _LARGEST_LOG))))
+        name = " of ".join(self.where)
+        return [AddChannelError(self.record or 0, {"property": "gain", "outputs": "all", "start": start, "name": name})]
+
+    def mistaken_unit(self, gain: float | None) -> str:
+        """The units, in words, that all sensors or all loads were read in by mistake; "" where none fits within 5 %.
+
+        A factor such as 9.80665 is that of a unit of motion and of one of force.
+        """
+        if gain is None or gain <= 0:
+            return ""
+        of_motion = ""
+        if len(self.are_rotations) == 1:
+            of_motion = mistaken_unit(math.log(gain), mistaken_motions(*self.are_rotations), _UNIT)
+        of_force = _unit_of_force(gain)
+        sensors = f"sensor {self.sensor} is" if self.sensor else f"{_ALL_SENSORS} are"
+        if not of_motion:
+            return of_force and f"all loads are in another unit than stated: {of_force}"
+        return f"{sensors} in another unit than stated: {of_motion}" + (of_force and f", or all loads {of_force}")
+
+    def named_kind(self, value: float | None) -> str:
+        return "unit" if self.mistaken_unit(value) else self.kind
+
+    def sentence(self, value: float | None) -> str:
+        words = self.mistaken_unit(value)
+        if not words:
+            size = "" if value is None else f" by a factor of {value:.4g}"
+            inverse = "" if value is None or value <= 0 else f" by {1 / value:.4g}"
+            sensors = f"sensor {self.sensor}" if self.sensor else _ALL_SENSORS
+            words = f"the calibration of {sensors} is off{size}, or that of all loads{inverse}"
+        return words + (f" in record {self.record_name}" if self.record_name else "")
 
 
 def _log_gains(units: Sequence[tuple[float, str, str]]) -> FloatArray:
@@ -126,6 +219,11 @@ def _unit_of_motion(place: str, gain: float | None) -> str:
     if gain is None or gain <= 0:
         return ""
     return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(place).is_rotation), _UNIT)
+
+
+def _unit_of_force(size: float) -> str:
+    """The unit, in words, that a force `size` times what its record says was read in by mistake; "" where none fits."""
+    return "" if size <= 0 else mistaken_unit(math.log(size), MISTAKEN_FORCES, _UNIT)
 
 
 def gain_sentence(channel: str, unit: str, gain: float | None) -> str:

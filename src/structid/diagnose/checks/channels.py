@@ -25,8 +25,8 @@ _GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
 _ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.5), np.log(3.0)
 #: Factor of all channels that is told, as a logarithm: where all sensors agree on it within so much, and where they differ.
 _SHARED, _ALIKE, _SHARED_BY_MOST = np.log(1.6), 0.25, np.log(2.5)
-#: Sensors that can agree, accord that they must reach, and part of the resonances with a like.
-_FEWEST, _AGREE, _PAIRED = 3, 0.85, 0.6
+#: Sensors that can agree, accord that they must reach, and part of the resonances with a like; that where loads agree on far more.
+_FEWEST, _AGREE, _PAIRED, _PAIRED_IF_FAR = 3, 0.85, 0.6, 0.5
 #: How far from a unit's factor a level may be, as a logarithm.
 _NEAR = 0.35
 #: Powers of ten from which on units differ, and how near they must be.
@@ -104,7 +104,9 @@ def _whole_record(comparison: AlignedFrf, level: FloatArray, agreement: FloatArr
     paired = [np.isfinite(one.mac) for one in comparison.pairs]
     agree = len(level) >= _FEWEST and float(np.nanmax(level) - np.nanmin(level)) < _ALIKE
     is_clear = abs(common) > (_SHARED if agree else _SHARED_BY_MOST) and abs(goes) >= _AGREE
-    if not (alike and is_clear and any(paired) and np.mean(paired) >= _PAIRED):
+    is_shared_and_far = len(loads) > 1 and abs(common) > _FAR
+    needed = _PAIRED_IF_FAR if is_shared_and_far else _PAIRED
+    if not (alike and is_clear and any(paired) and np.mean(paired) >= needed):
         return
     if record.kind == "accelerance" and abs(abs(common) - np.log(STANDARD_GRAVITY)) <= _NEAR:
         yield (
@@ -135,6 +137,7 @@ def _whole_record(comparison: AlignedFrf, level: FloatArray, agreement: FloatArr
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
     """Sentences on loads or driven supports whose level or sign differs from that of the others; none for a single load.
 
+    Of two loads the one that is off differs from the other and from the model: two that are off alike are off together.
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
     (n_outputs, n_inputs).
     """
@@ -145,12 +148,13 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
     drive, acts = ("support", "moves") if of_support else ("load", "acts")
     for i, load in enumerate(record.inputs):
         others = np.delete(np.arange(len(loads)), i)
-        reference = float(median(loads[others], 0)) if len(others) > 1 else 0.0
+        level_of_others = float(median(loads[others], 0))
+        reference = level_of_others if len(others) > 1 else 0.0
         if not float(median(goes[others], 0)) >= _GOES:
             continue
         if goes[i] <= _TURNED:
             yield f"{drive} {load} {acts} with the opposite sense at most sensors; check its sign, or relabel it"
-        elif goes[i] >= _GOES and abs(loads[i] - reference) > _ABOUT_ONE and abs(loads[i]) > _ABOUT_ONE:
+        elif goes[i] >= _GOES and min(abs(loads[i] - level_of_others), abs(loads[i])) > _ABOUT_ONE:
             size = loads[i] - reference
             told = f"{drive} {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other {drive}s"
             if of_support:
