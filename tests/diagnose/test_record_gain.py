@@ -104,6 +104,13 @@ def test_it_ranks_first_and_its_fit_alone_explains_all(tmp_path, factor):
     assert residual @ residual == pytest.approx(fitted.chi_square, rel=1e-6)
 
 
+def test_a_factor_that_is_neither_of_a_unit_nor_of_a_calibration_is_no_cause(tmp_path):
+    base = begun(written_with_loads(tmp_path, 60.0))
+    [gain] = gains(base)
+    theta = base.modified.changed(gain, np.log(60.0)).theta_of(base.values)
+    assert fit_fully(base, (gain, np.log(60.0), theta), PLAIN_CONTEXT) == {}
+
+
 @pytest.mark.parametrize(
     ("truth", "sensor_gain", "kind"),
     [
