@@ -90,7 +90,7 @@ def test_it_ranks_first_and_its_fit_alone_explains_all(tmp_path, factor):
     assert first.strength == pytest.approx(np.log(factor), abs=0.1)
     one = first.candidate
     if factor < 0.5:  # it is fitted whatever else the looks show
-        assert one.key in _exchanged(base, [point], [""])
+        assert one.key in _exchanged(base, [point])
     theta = base.modified.changed(one, first.strength).theta_of(base.values)
     fitted = restore_fit(base, one, fit_fully(base, (one, first.strength, theta), PLAIN_CONTEXT))
     n_data = base.modified.target.n_data

@@ -138,7 +138,7 @@ def shortlist_candidates(
     points = screening_points(base)
     names = titles(base.modified.setups)
     faulty = _faulty(base)
-    certain = faulty | _exchanged(base, points, names)
+    certain = faulty | _exchanged(base, points)
     nearest_first = range(len(points))[::-1]
     answers = map_within_budget(budget, work, name, _screen_candidates, (tuple(points), names), nearest_first, least=1)[
         ::-1
@@ -242,11 +242,11 @@ def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Col
     return [Screened(candidate, float(candidate.strengths.max()), base.misfit) for candidate in stuck[:MOST_FEET]]
 
 
-def _exchanged(base: FittedModel, points: Sequence[Point], names: Sequence[str]) -> set[Hashable]:
+def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
-    These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening, `names`
-    those of the records; empty for modes.
+    These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening; empty
+    for modes.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -257,6 +257,7 @@ def _exchanged(base: FittedModel, points: Sequence[Point], names: Sequence[str])
         if modified.is_large
         else modified.point_at(modified.anchored_views(), np.asarray(modified.target.theta_start))
     )
+    names = titles(modified.setups)
     gains = [one for kind in (LoadGain, RecordGain) for one in kind.from_receptances(point.records, names)]
     rows = point.screened([*exchanged_channels(point.records), *gains])
     return {row.candidate.key for row in rows if row.left < INITIAL_PART * point.left}
