@@ -6,7 +6,7 @@
 # make fuzz   damage files of every kind and keys of studies, vary headers of records, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make golden run every example with the code of BASE and of this tree: numbers must be equal, changed words are listed (BASE=HEAD~1)
 # make benchmarks  run every benchmark at a size of seconds, to see that none rots
-# make mutants make some 140 wrong edits of central formulas, one at a time in a copy: a quick test must fail for each (NAMES="fem mac")
+# make mutants make some 170 wrong edits of central formulas, one at a time in a copy: a quick test must fail for each (NAMES="fem mac")
 # make killed end runs at 100 random moments and run them again to the same digits
 # make dist-check   build wheel and sdist, check what PyPI shows of them, install them without extras outside the tree, run an example (needs PyPI)
 # make test-lowest  run all tests on Python 3.11 with the lowest versions that pyproject.toml names (needs uv and 3.11)
