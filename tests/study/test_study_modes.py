@@ -21,7 +21,7 @@ from structid.report.identification.tables import modal_facts
 from structid.report.rendering import png
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study
-from structid.study.run.start import prepare_study
+from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.records.modes import ModeDeviations
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
@@ -241,15 +241,21 @@ def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):
     assert any("measured at 4.2906 Hz matches no mode of the model" in words for words in found.warnings)
 
 
-def five_modes(folder, frequency):
-    """The example's study with a mode at `frequency` (Hz) more than its model has, of the shape of the last but one."""
-    path, given = storeys(folder), read_modes(EXAMPLE / "modes.json")
+def five_modes(folder, frequency, like=2, stiffness="1.6e6", is_bare=False):
+    """The example's study with a mode at `frequency` (Hz) more than its model has, of the shape of mode `like`, from 0.
+
+    `stiffness` is the initial one, and with `is_bare` no shape of the mode is known.
+    """
+    path, given = storeys(folder, "stiffness = 1.6e6", f"stiffness = {stiffness}"), read_modes(EXAMPLE / "modes.json")
     order = np.argsort([*given.frequency, frequency])
     more = [
-        np.append(values, values[..., 2:3], axis=-1)[..., order] for values in (given.damping_ratio, given.mode_shapes)
+        np.append(values, values[..., like : like + 1], axis=-1)[..., order]
+        for values in (given.damping_ratio, given.mode_shapes)
     ]
     covariance = np.diag(1e-6 * np.ones(10))
     std = 1e-3 * np.ones((len(given.channels), 5))
+    if is_bare:
+        more[1][:, order == 4] = std[:, order == 4] = np.nan
     write_modes(
         folder / "modes.json",
         ModalRecord(np.append(given.frequency, frequency)[order], *more, given.channels, covariance, std),
@@ -257,16 +263,46 @@ def five_modes(folder, frequency):
     return path
 
 
-def test_a_mode_above_all_of_the_model_is_named_and_left_out(tmp_path):
-    prepared = prepare_study(load_study(five_modes(tmp_path, 11.23)))
+@pytest.mark.parametrize(
+    ("frequency", "others"),
+    [
+        (12.23, {}),
+        (12.23, {"is_bare": True}),
+        (12.23, {"stiffness": "0.8e6", "like": 3}),
+        (0.21, {}),
+        (0.21, {"is_bare": True}),
+    ],
+)
+def test_a_mode_far_beyond_all_of_the_model_is_named_and_left_out(tmp_path, frequency, others):
+    prepared = prepare_study(load_study(five_modes(tmp_path, frequency, **others)))
     (problem,) = prepared.problems
     np.testing.assert_array_equal(problem.record.frequency, read_modes(EXAMPLE / "modes.json").frequency)
-    assert any("none for 11.23 Hz: left out of the fit" in words for words in prepared.warnings)
+    assert any(
+        "at its initial values the model has 4 modes" in words
+        and f"none for {frequency} Hz: left out of the fit" in words
+        for words in prepared.warnings
+    )
 
 
-def test_a_mode_too_many_within_the_range_of_the_model_is_refused_with_the_remedy(tmp_path):
-    with pytest.raises(InputError, match=r"\[record.modes\]: .* none is left for 4.9 Hz; .* leave it out with `use`"):
-        prepare_study(load_study(five_modes(tmp_path, 4.9)))
+@pytest.mark.parametrize(
+    ("frequency", "others"),
+    [
+        (4.9, {}),
+        (7.3, {}),
+        (0.7, {}),
+        (4.9, {"is_bare": True}),
+        (4.9, {"stiffness": "0.8e6", "like": 3}),
+        (3.0, {"stiffness": "0.8e6", "like": 3}),
+        (3.0, {"stiffness": "0.1e6", "like": 3}),
+    ],
+)
+def test_a_mode_too_many_that_other_values_may_reach_is_refused_with_the_remedy(tmp_path, frequency, others):
+    """Soft initial values leave true modes unpaired: none of them is left out for a false one."""
+    study = load_study(five_modes(tmp_path, frequency, **others))
+    words = r"\[record.modes\]: at its initial values .* none is left for [\d.]+ Hz; .* none of the structure out with `use`"
+    for prepared in (prepare_study, study_problems):
+        with pytest.raises(InputError, match=words):
+            prepared(study)
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,11 @@ _BARE = (
 )
 
 
+#: Factor beyond the model's range of frequencies, at its initial values, from where on a measured mode is none of the model
+#: whatever the values are: initial stiffnesses are rarely off by more than a factor of 4, which moves frequencies by 2.
+_FAR_BEYOND = 2.0
+
+
 class _Sensors(NamedTuple):
     """Channels that errors may be declared on; modes have no loads."""
 
@@ -73,15 +78,16 @@ class ModalSetup(RecordSetup[ModalProblem]):
         return Prepared(problem, (*self.record.warnings, *weighed, *bare))
 
     def without_modes_beyond_model(self) -> Self:
-        """The set-up without measured modes that a model with too few leaves unpaired; itself if there are none.
+        """The set-up without measured modes far beyond those of a model with too few; itself if there are none.
 
-        The record gets a warning that names them. The set-up is left as it is too in the form ``dynamic``, which needs no
-        pairing, and if the sensors see no mode of the model.
+        The record gets a warning that names them. A mode is far beyond if it lies by a factor of more than 2 above, or below, all
+        frequencies of the model at its initial values and all measured ones that are kept. The set-up is left as it is too in
+        the form ``dynamic``, which needs no pairing, and if the sensors see no mode of the model.
 
         Raises
         ------
         InputError
-            If such a mode lies among the frequencies of the model at its start; with the remedy.
+            If the model has too few modes, and those that it leaves unpaired are not far beyond, with what to do.
         """
         if self.settings.form == "dynamic":  # needs no pairing
             return self
@@ -92,16 +98,22 @@ class ModalSetup(RecordSetup[ModalProblem]):
             return self
         frequency, low, high = self.record.frequency[left], model.min(), model.max()
         listed = join_words([f"{f:.5g}" for f in frequency])
-        counts = f"the model has {plural(len(model), 'mode')} that the sensors see, from {low:.5g} to {high:.5g} Hz,"
-        if ((frequency >= low) & (frequency <= high)).any():
+        counts = (
+            f"at its initial values the model has {plural(len(model), 'mode')} that the sensors see, from {low:.5g} to {high:.5g}"
+            " Hz,"
+        )
+        keep = np.setdiff1d(np.arange(self.record.n_modes), left)
+        kept = self.record.frequency[keep]
+        is_above = frequency > _FAR_BEYOND * max(high, kept.max())
+        is_below = frequency < min(low, kept.min()) / _FAR_BEYOND
+        if not (is_above | is_below).all():
             raise InputError(
                 f"{counts} and {len(problem.data.measured)} are measured: none is left for {listed} Hz; refine the model,"
-                " or, where that is no mode of the structure, leave it out with `use`"
+                " or leave a mode that is none of the structure out with `use`"
             )
         words = (
             f"{counts} and none for {listed} Hz: left out of the fit; refine the model if it is a mode of the structure"
         )
-        keep = np.setdiff1d(np.arange(self.record.n_modes), left)
         record = self.record.some_modes(keep)
         return replace(self, record=replace(record, warnings=(*record.warnings, words)))
 

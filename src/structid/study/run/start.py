@@ -116,7 +116,8 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    setups = tuple(setup.without_modes_beyond_model() for setup in load_setups(study))
+    sources = zip(study.setups, load_setups(study), strict=True)
+    setups = tuple(_within_model(source, setup) for source, setup in sources)
     return harmonize_shared_parameters([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 
@@ -206,6 +207,12 @@ def _channel_key(section: Section, key: str) -> str:
     return key
 
 
+def _within_model(source: SetupSource, setup: AnySetup) -> AnySetup:
+    """The set-up without measured modes beyond those of its model; an error gets the place of the record in the study file."""
+    with (source.section.section("modes") or source.section).located():
+        return setup.without_modes_beyond_model()
+
+
 def _prepare_record(
     study: Study, source: SetupSource, setup: AnySetup, name: str
 ) -> tuple[AnySetup, Prepared[RecordProblem], InitialComparison]:
@@ -223,7 +230,7 @@ def _prepare_record(
     with placed_mechanism(structure):
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
     with placed_mechanism(structure), section.located():
-        setup = setup.without_modes_beyond_model()
+        setup = _within_model(source, setup)
         prepared = setup.prepared(options)
         return setup, prepared, compare_with_initial_model(setup, prepared.problem, options)
 
