@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
 
 from structid.core.constraints import (
@@ -12,6 +13,7 @@ from structid.core.constraints import (
     Positive,
     describe_type,
     parameter_descriptions,
+    require_band,
     require_declared,
 )
 from structid.core.errors import InputError
@@ -116,3 +118,27 @@ def test_types_are_said_as_docstrings_do():
     assert describe_type(Annotated[float, Limits(least=0)]) == "float"
     assert describe_type(Annotated[list, "(n,) array"]) == "(n,) array"
     assert describe_type(float | None) == "float"
+
+
+@pytest.mark.parametrize(
+    ("band", "allowed", "words"),
+    [
+        (5.0, {}, r"^`bands` must have two frequencies in Hz for each range, such as \(5.0, 20.0\), got 5.0$"),
+        ((5.0,), {}, r"got \(5.0,\)$"),
+        ("25", {}, "got '25'$"),
+        (("2", "5"), {}, "must have two frequencies"),
+        ((5.0, 5.0), {}, "from 0 Hz or more to a higher frequency, got 5 to 5 Hz"),
+        ((5.0, 4.0), {"is_line_allowed": True}, "to the same or a higher frequency, got 5 to 4 Hz"),
+        ((0.0, 4.0), {"is_zero_allowed": False}, "from more than 0 Hz to a higher"),
+        ((5.0, float("inf")), {"is_open_allowed": False}, "must end at a finite frequency, got inf Hz"),
+    ],
+)
+def test_a_band_that_is_none_is_refused_with_its_name(band, allowed, words):
+    with pytest.raises(InputError, match=words) as told:
+        require_band("bands", band, **allowed)
+    assert told.value.option == "bands"
+
+
+def test_a_band_may_be_an_array_and_open_or_a_line_where_that_is_allowed():
+    require_band("band", np.array([5.0, np.inf]))
+    require_band("band", [5, 5], is_line_allowed=True)

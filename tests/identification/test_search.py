@@ -92,5 +92,5 @@ def test_without_polarities_there_is_one_search():
     "bands", [{"band": (10.0, 2.0)}, {"evaluation_band": (9.0, 1.0)}, {"exclude": [(1.0, 2.0), (5.0, 4.0)]}]
 )
 def test_bands_that_go_down_are_refused_with_their_name(bands):
-    with pytest.raises(InputError, match=rf"`{next(iter(bands))}` must run from 0 Hz or more to a higher frequency"):
+    with pytest.raises(InputError, match=rf"`{next(iter(bands))}` must run from 0 Hz or more to the same or a higher"):
         IdentifyOptions(**bands)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
@@ -140,18 +140,31 @@ def require_declared(thing: object) -> None:
 
 
 def require_band(
-    name: str, band: Sequence[float], *, is_zero_allowed: bool = True, is_line_allowed: bool = False
+    name: str,
+    band: Sequence[float],
+    *,
+    is_zero_allowed: bool = True,
+    is_line_allowed: bool = False,
+    is_open_allowed: bool = True,
 ) -> None:
     """Raise `InputError` about the option `name` unless `band`, two frequencies in Hz, rises from 0 Hz or more.
 
-    Without `is_zero_allowed` it must begin above 0 Hz; with `is_line_allowed` both ends may be one frequency. The upper end may be
-    infinite.
+    Without `is_zero_allowed` it must begin above 0 Hz; with `is_line_allowed` both ends may be one frequency; without
+    `is_open_allowed` the upper end must be finite.
     """
-    low, high = band
+    ends = tuple(band) if isinstance(band, Iterable) else ()
+    if len(ends) != 2 or not all(isinstance(end, Real) for end in ends):
+        raise InputError(
+            f"`{name}` must have two frequencies in Hz for each range, such as (5.0, 20.0), got {band!r}", name
+        )
+    low, high = ends
     begins_right = low >= 0 if is_zero_allowed else low > 0
     if not (begins_right and (low < high or (is_line_allowed and low == high))):
         least = "0 Hz or more" if is_zero_allowed else "more than 0 Hz"
-        raise InputError(f"`{name}` must run from {least} to a higher frequency, got {low:g} to {high:g} Hz", name)
+        most = "the same or a higher frequency" if is_line_allowed else "a higher frequency"
+        raise InputError(f"`{name}` must run from {least} to {most}, got {low:g} to {high:g} Hz", name)
+    if high == float("inf") and not is_open_allowed:
+        raise InputError(f"`{name}` must end at a finite frequency, got inf Hz", name)
 
 
 def split_commas(text: str) -> tuple[str, ...]:

@@ -92,7 +92,7 @@ class PredictOptions:
         """Raise `InputError` for an option out of its limits, or a band that does not rise from above 0 Hz."""
         require_declared(self)
         if self.band is not None:
-            require_band("band", self.band, is_zero_allowed=False)
+            require_band("band", self.band, is_zero_allowed=False, is_open_allowed=False)
         loads = [name for name in ("history", "half_sine", "sine") if getattr(self, name)]
         if len(loads) > 1:
             raise InputError(

@@ -175,10 +175,8 @@ def state_space(
     ----------
     Gawronski and Juang (1990), Int. J. Systems Sci. 21, 349-376; Moore (1981), IEEE Trans. Automatic Control 26, 17-32.
     """
+    require_band("band", band, is_open_allowed=False)
     low, high = float(band[0]), float(band[1])
-    require_band("band", (low, high))
-    if high == np.inf:
-        raise InputError("`band` must end at a finite frequency, got inf Hz")
     if motion not in MOTION_DERIVATIVES:
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
     if sampling_rate is not None and not sampling_rate > 2 * high:

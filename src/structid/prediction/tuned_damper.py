@@ -133,7 +133,7 @@ def tune_damper(
         raise InputError(f"`quantile` must be at least 0.5 and less than 1, got {quantile:g}")
     model, _ = model_and_error(source, None)
     if band is not None:
-        require_band("band", band, is_zero_allowed=False)
+        require_band("band", band, is_zero_allowed=False, is_open_allowed=False)
     tuned, effective = _dominant_mode(model, at_dof, band)
     if mass > effective:
         raise InputError(
