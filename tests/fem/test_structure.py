@@ -58,6 +58,25 @@ def test_selection_reads_through_a_link_with_its_sign():
     assert {str(d): v for d, v in zip(structure.dofs, reading, strict=True) if v} == expected
 
 
+def test_a_selection_cannot_be_changed_and_only_the_last_are_kept():
+    structure = Structure(
+        {i: (float(i), 0, 0) for i in range(40)}, [PointMass("m", list(range(40)), 1.0)], active=["X"]
+    )
+    dofs = [parse_dof(f"{i}X-") for i in (3, 1)]
+    columns = structure.selection(dofs)
+    for array in (columns.data, columns.indices, columns.indptr):
+        with pytest.raises(ValueError, match="read-only"):
+            array *= -7
+    np.testing.assert_array_equal(columns.toarray()[[3, 1]], -np.eye(2))
+    np.testing.assert_array_equal((columns.T @ columns).toarray(), np.eye(2))
+    np.testing.assert_array_equal((columns[:, [1]] - abs(columns[:, [0]])).toarray()[[3, 1], 0], [-1, -1])
+    assert structure.selection(dofs) is columns
+    for i in range(40):
+        structure.selection([parse_dof(f"{i}X+")])
+    assert structure.selection([parse_dof("39X+")]) is structure.selection([parse_dof("39X+")])
+    assert len(structure._selections) < 40
+
+
 def test_constraint_equals_a_very_stiff_spring():
     parts = [
         PointMass("m", [1, 2, 3], [1.0, 2.0, 3.0]),

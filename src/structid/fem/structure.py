@@ -39,6 +39,8 @@ from structid.plotting import StructurePlots
 MOST_PIECES = 100
 #: Degrees of freedom up to which the places of the entries of its matrices are kept.
 _SMALL = 600
+#: Selections of degrees of freedom that are kept: sensors and loads of a few records.
+_SELECTIONS = 16
 _ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
 
 
@@ -464,7 +466,7 @@ class Structure(Shown, StructurePlots):
         return {}
 
     def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:
-        """Columns that read (or load) `dofs` through the ties, signs included, (n_dofs, number of `dofs`); not to be changed.
+        """Columns that read (or load) `dofs` through the ties, signs included, (n_dofs, number of `dofs`); read only.
 
         Raises
         ------
@@ -472,13 +474,20 @@ class Structure(Shown, StructurePlots):
             If a degree of freedom is not part of the structure or is held at zero.
         """
         chosen = tuple(dofs)
-        if chosen not in self._selections:
-            self._selections[chosen] = selection(self.numbering, self.nodes, chosen)
-        return self._selections[chosen]
+        columns = self._selections.pop(chosen, None)
+        if columns is None:
+            columns = selection(self.numbering, self.nodes, chosen)
+            columns.sort_indices()  # sparse products sort in place, which locked arrays refuse
+            for array in (columns.data, columns.indices, columns.indptr):
+                array.flags.writeable = False
+        self._selections[chosen] = columns
+        for oldest in list(self._selections)[:-_SELECTIONS]:
+            self._selections.pop(oldest, None)
+        return columns
 
     @cached_property
     def _selections(self) -> dict[tuple[Dof, ...], sparse.csc_array]:
-        """Cache of `selection` by degrees of freedom: each record of a model, smoothed or cut, asks for the same channels."""
+        """The last columns of `selection`, oldest first: each record of a model, smoothed or cut, asks for the same channels."""
         return {}
 
     def require_dofs(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
