@@ -95,6 +95,7 @@ def test_arguments_of_another_class_are_named_with_the_remedy(tmp_path):
          r"is an element set and 'stiffness' its property; write `Unknown\('stiffness', 'columns <b>'\)`"),
         (lambda: sid.run_study("frame.toml"), r"`study` must be of class Study, got str; make it by `load_study\(path\)`"),
         (lambda: sid.read_record(given.values), r"`path` must be .* got ndarray; of arrays make a record by `FrfRecord`"),
+        (lambda: sid.read_record(5), r"`path` must be of class str or PathLike, got int; give the path of a file"),
         (lambda: sid.write_record(given, tmp_path / "a.csv"), r"`path` must be .* got FrfRecord; the path comes first"),
         (lambda: sid.identify_modes(history(), {"rate": 2}), r"`method` must be of class str, got dict"),
         (lambda: sid.identify_modes(history(), band=(1, 2)), r"`band` is no setting of `identify_modes`; there are "),

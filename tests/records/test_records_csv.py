@@ -1,5 +1,7 @@
 """Tables as spreadsheets write them, and complaints that name line and column."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -183,3 +185,13 @@ def test_dates_of_a_spreadsheet_are_no_seconds(tmp_path):
         read_record(path, ReadOptions(axis_unit="s"))
     assert read(tmp_path, dated(1e-3)).sampling_rate == pytest.approx(1000)
     assert read(tmp_path, dated(step, first=0.4)).sampling_rate == pytest.approx(256 * 86400, rel=1e-3)
+
+
+def test_any_object_that_stands_for_a_path_is_one(tmp_path):
+    read(tmp_path, TIME)
+    with os.scandir(tmp_path) as entries:
+        (entry,) = entries
+    record = read_record(entry)
+    np.testing.assert_array_equal(record.values, read_record(tmp_path / "a.csv").values)
+    write_record(entry, record)
+    assert read_record(entry).values.shape == record.values.shape

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+import numpy as np
 
 from structid.core.errors import FileError, InputError, require_class
 from structid.files import damage_told, require_readable
@@ -61,17 +64,17 @@ def _format_of(path: Path) -> FormatModule | LoggerFormat:
     raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
 
 
-def how_read(source: str, path: str | Path) -> str:
+def how_read(source: str, path: str | os.PathLike[str]) -> str:
     """Note of the reader on the file `path`, the part of the record's `source` after the path; "" without a note."""
     return source.removeprefix(str(path)).partition("; ")[2] if source.startswith(str(path)) else ""
 
 
-def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
+def read_record(path: str | os.PathLike[str], options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
     """The record in the file at `path`, its format by the suffix, in SI units.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or path-like
         File with one of the suffixes in `FORMATS` or `LOGGERS`.
     options : ReadOptions, optional
         Facts that the file does not state, and the channels to read.
@@ -89,7 +92,9 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     >>> options = ReadOptions(sampling_rate=100, channels="1Z+,2Z+", units="g")
     >>> record = read_record("impact.npy", options)  # doctest: +SKIP
     """
-    require_class("path", path, (str, Path), "of arrays make a record by `FrfRecord` or `TimeRecord`")
+    is_array = isinstance(path, np.ndarray)
+    remedy = "of arrays make a record by `FrfRecord` or `TimeRecord`" if is_array else "give the path of a file"
+    require_class("path", path, (str, os.PathLike), remedy)
     path, options = Path(path), ReadOptions() if options is None else options
     require_class("options", options, ReadOptions, "make it by `ReadOptions(...)`")
     module = _format_of(path)
@@ -122,7 +127,7 @@ def _require_applicable(path: Path, module: FormatModule | LoggerFormat, options
         )
 
 
-def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
+def write_record(path: str | os.PathLike[str], record: FrfRecord | TimeRecord) -> None:
     """Write `record` to `path`, whole or not at all, in the format of the suffix.
 
     NPZ, HDF5 and MAT keep everything. CSV keeps values, coherence and standard deviations of FRFs; UFF keeps values,
@@ -135,7 +140,7 @@ def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
     InputError
         If the record lies right of the axis (`FrfRecord.decay`), which no format keeps.
     """
-    require_class("path", path, (str, Path), "the path comes first, then the record")
+    require_class("path", path, (str, os.PathLike), "the path comes first, then the record")
     require_class("record", record, (FrfRecord, TimeRecord), "modes go to a file by `structid modes`")
     path = Path(path)
     if isinstance(record, FrfRecord) and record.decay is not None:
