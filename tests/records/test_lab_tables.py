@@ -116,6 +116,17 @@ def test_other_encodings_are_named_and_read(tmp_path):
     assert read(tmp_path, text, "utf-16", channels="1X,2X,3X", csv=CsvLayout(encoding="utf-16")).sampling_rate > 0
 
 
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("unit", ["um", "µm"])
+def test_utf_16_without_a_mark_is_named_and_read(tmp_path, encoding, unit):
+    text = table(head=[f"t_s,A [{unit}],B [{unit}],C [N]"])
+    with pytest.raises(
+        FileError, match=f'is UTF-16 text .*give `encoding = "{encoding}"` in .record.csv., or save it as'
+    ):
+        read(tmp_path, text, encoding, channels="1X,2X,3X")
+    assert read(tmp_path, text, encoding, channels="1X,2X,3X", csv=CsvLayout(encoding=encoding)).sampling_rate > 0
+
+
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [

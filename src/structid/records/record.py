@@ -347,7 +347,6 @@ def _select_lines(
 #: By how much a coherence may lie below 1 that a file of six digits holds as 1.
 _ROUNDED = 5e-6
 
-
 #: Degrees of freedom from where on a variance from repeats is taken as known.
 _FREEDOM = 20
 

@@ -29,7 +29,8 @@ from structid.records.formats.headers import bare_unit, frequency_factor, requir
 from structid.records.formats.options import layout_words
 
 _FEW = 20
-
+#: Part of every second byte of UTF-16 text that is null at least, where the text is Latin.
+_MOSTLY = 0.9
 
 #: Decimals of the last number of a line: after a point, or after the comma of a cell that is one number between semicolons or tabs.
 _DECIMALS = re.compile(r"(?:\.|[;\t] *[+-]?\d*,)(\d+(?:[eE][+-]?\d+)?)[\s;,]*$")
@@ -177,7 +178,7 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
     except UnicodeError as error:
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
         if b"\0" in path.read_bytes():
-            raise FileError(f"{path}: holds null bytes, so it is no text; export it as CSV UTF-8") from error
+            raise _null_bytes_error(path) from error
         raise FileError(
             f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give"
             f" {layout_words(encoding='cp1252')} (or utf-16)"
@@ -185,13 +186,25 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
     except (OSError, LookupError) as error:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
     if "\0" in text:
-        raise FileError(f"{path}: holds null characters, so it is not a CSV text; save it as CSV UTF-8")
+        raise _null_bytes_error(path)
     if not text.endswith(("\n", "\r")) and not layout.footer_rows and not _is_last_line_whole(text):
         raise FileError(
             f"{path}: its last line has no end, so it may be truncated; copy it again, end the line, or leave it out with"
             f" {layout_words(footer_rows=1)}"
         )
     return text
+
+
+def _null_bytes_error(path: Path) -> FileError:
+    """The error for a file with null bytes: it is UTF-16 text without a mark if they stand at every other place, else no text."""
+    content = path.read_bytes()
+    first, second = (content[begin::2].count(0) / (len(content) / 2) for begin in (0, 1))
+    if max(first, second) > _MOSTLY and min(first, second) < 1 - _MOSTLY:
+        encoding = "utf-16-le" if second > first else "utf-16-be"
+        return FileError(
+            f"{path}: is UTF-16 text without a byte-order mark; give {layout_words(encoding=encoding)}, or save it as CSV UTF-8"
+        )
+    return FileError(f"{path}: holds null bytes, so it is no text; export it as CSV UTF-8")
 
 
 def _is_last_line_whole(text: str) -> bool:
@@ -305,12 +318,12 @@ def _undated(line: str, separator: str, dated: set[int]) -> list[str]:
 
 
 def _ends_empty(line: str, separator: str, count: int) -> bool:
-    """True if a line has `separator` `count` times, once for each column, and ends with it, blanks apart."""
+    """True if a line has `count` separators, one for each column, and ends with one."""
     return line.rstrip().endswith(separator) and line.rstrip().count(separator) == count
 
 
 def _with_nan(line: str, separator: str) -> str:
-    """The line with ``nan`` written into its empty cells, except the first; `separator` stands between cells."""
+    """The line with ``nan`` written into its empty cells, except the first."""
     empty = separator + separator
     if empty in line:
         line = line.replace(empty, f"{separator}nan{separator}").replace(empty, f"{separator}nan{separator}")
