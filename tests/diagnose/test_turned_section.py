@@ -40,12 +40,26 @@ def test_the_screen_begins_at_the_initial_values_too(tmp_path, monkeypatch):
     assert left[False] > 3 * left[True]
 
 
-NODES = {1: (0.0, 0.0, 0.0), 2: (0.0, 0.0, 1.0), 3: (1.0, 0.0, 1.0), 4: (1.0, 1.0, 1.0)}
+C, S = np.cos(np.pi / 6), 0.5
+NODES = {
+    1: (0.0, 0.0, 0.0),
+    2: (0.0, 0.0, 1.0),
+    3: (1.0, 0.0, 1.0),
+    4: (1.0, 1.0, 1.0),
+    5: (C, 0.0, S),
+    6: (0.0, C, S),
+}
 
 
 @pytest.mark.parametrize(
     ("pairs", "guide"),
-    [([[1, 2]], [0, 1, 0]), ([[1, 2], [2, 3]], None), ([[1, 2], [2, 3]], [0, 1, 0]), ([[2, 3], [3, 4]], [0, 0, 1])],
+    [
+        ([[1, 2]], [0, 1, 0]),
+        ([[1, 2], [2, 3]], None),
+        ([[1, 2], [2, 3]], [0, 1, 0]),
+        ([[2, 3], [3, 4]], [0, 0, 1]),
+        ([[1, 5], [1, 6]], [C, C, S]),  # inclined in two planes: the vertical turns both
+    ],
 )
 def test_the_new_direction_exchanges_the_local_axes_of_every_beam(pairs, guide):
     def section(orientation):

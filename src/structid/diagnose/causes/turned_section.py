@@ -64,17 +64,16 @@ def space_beams(structure: Structure) -> list[SpaceBeam]:
 def turned_orientation(element: SpaceBeam, nodes: Mapping[int, FloatArray]) -> list[float] | None:
     """The `orientation` [x, y, z] that turns the section of each beam of a set by 90 degrees, or None.
 
-    It is the sum of the local z axes of the beams, each direction once; None where that sum does not turn every beam.
-    `nodes` are positions in m by label.
+    It is the sum of the local z axes of the beams, each direction once, or a global axis. `nodes` are positions, m.
     """
     z = element.section_directions(nodes)["VZ"][:, :3]
     x = element.section_directions(nodes)["N"][:, :3]
     first = np.argmax(np.abs(z) > 0.5, axis=1)
     alike = z * np.sign(z[np.arange(len(z)), first])[:, None]
-    guide = np.unique(alike.round(6), axis=0).sum(axis=0)
-    across = guide - (x @ guide)[:, None] * x
-    length = np.linalg.norm(across, axis=1)
-    is_turned = np.abs((across * z).sum(axis=1)) > (1 - 1e-6) * length
-    if not (length > 1e-3).all() or not is_turned.all():
-        return None
-    return [rounded(component) for component in guide.tolist()]
+    for guide in (np.unique(alike.round(6), axis=0).sum(axis=0), *np.eye(3)):
+        across = guide - (x @ guide)[:, None] * x
+        length = np.linalg.norm(across, axis=1)
+        is_turned = np.abs((across * z).sum(axis=1)) > (1 - 1e-6) * length
+        if (length > 1e-3).all() and is_turned.all():
+            return [rounded(component) for component in guide.tolist()]
+    return None
