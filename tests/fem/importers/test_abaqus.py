@@ -1,5 +1,7 @@
 """Abaqus matrix files: labels, coordinates, element by element, user elements, held rows, and damage named by line."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -100,6 +102,22 @@ def test_user_elements_are_assembled_by_node_and_component(tmp_path, end):
     np.testing.assert_array_equal(stiffness.matrix.toarray(), expected)
     np.testing.assert_array_equal(mass.matrix.toarray(), np.diag([1, 1, 1, 2]))
     np.testing.assert_array_equal(of_elements(stiffness, [12]).matrix.toarray()[3:, 3:], [[1, 2], [3, 4]])
+
+
+def test_user_elements_without_numbers_are_counted_and_numbers_stand_at_all_or_none(tmp_path):
+    path, numbers = tmp_path / "e.mtx", re.compile(r"\*\* ELEMENT NUMBER.*\n")
+    path.write_text(numbers.sub("", USER))
+    stiffness, mass = (read_matrices(path)[kind] for kind in ("STIFFNESS", "MASS"))
+    assert set(stiffness.elements.element.tolist()) == {1, 2}
+    assert set(mass.elements.element.tolist()) == {1}
+    for last in (False, True):
+        part = USER.rpartition("** ELEMENT NUMBER")
+        half = numbers.sub("", part[0]) + part[1] + part[2] if last else part[0] + numbers.sub("", part[1] + part[2])
+        path.write_text(half)
+        with pytest.raises(
+            FileError, match=r"line \d+: \*USER ELEMENT must have .* above it for each element or for none"
+        ):
+            read_matrices(path)
 
 
 def test_components_of_user_elements_hold_until_they_change(tmp_path):

@@ -268,11 +268,11 @@ def _read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
 def _read_elements(path: Path, content: bytes) -> list[_Element]:
     """Every element matrix in `content` with its nodes and degrees of freedom; an element with two matrices comes twice.
 
-    `content` is the file in upper case. An element has the number that the last comment with one states; before any, it is the
-    number of matrices up to it, from 1. Raises `FileError` for a keyword without what it needs, or a line that cannot be read.
+    `content` is the file in upper case. Elements are counted from 1 if none has a number in comments. Raises `FileError` if only
+    some have.
     """
     elements: list[_Element] = []
-    label, nodes_follow = 0, False
+    label, n_elements, n_numbered, nodes_follow = 0, 0, 0, False
     current: _Element | None = None
     for number, raw in enumerate(content.split(b"\n"), 1):
         line = raw.strip()
@@ -289,7 +289,14 @@ def _read_elements(path: Path, content: bytes) -> list[_Element]:
             count = _NODES.search(line)
             if count is None:
                 raise FileError(f"{path}, line {number}: *USER ELEMENT must have NODES=; {_USER_ELEMENT_REMEDY}")
-            current = _Element(number, label or len(elements) + 1, int(count[1]))
+            n_elements, n_numbered = n_elements + 1, n_numbered + (label > 0)
+            if n_numbered not in (0, n_elements):
+                raise FileError(
+                    f"{path}, line {number}: *USER ELEMENT must have '** ELEMENT NUMBER' above it for each element or for none;"
+                    f" {_USER_ELEMENT_REMEDY}"
+                )
+            current = _Element(number, label or n_elements, int(count[1]))
+            label = 0
         elif line.startswith(b"*MATRIX"):
             current = _with_kind(path, number, line, current)
             elements.append(current)
