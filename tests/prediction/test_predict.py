@@ -75,6 +75,31 @@ def test_every_use_starts_from_an_identification_and_says_so_of_anything_else():
             use()
 
 
+@pytest.mark.parametrize(
+    ("quantity", "changes", "words"),
+    [
+        ("3Y", None, r"`quantity` must be an Frf, .* got '3Y'; for a sensor give its FRFs, such as Frf"),
+        (sid.NaturalModes, None, "`quantity` must be an Frf, .* got <class .*NaturalModes"),
+        ("3Y", [sid.AddMass(1, 1.0)], "`quantity` must be an Frf, .* got '3Y'"),
+        (sid.NaturalModes(1), sid.AddMass, r"`changes` must be a sequence .*AddMass\(node=12, mass=5.0\)\], got <class"),
+        (sid.NaturalModes(1), [sid.AddMass], "`changes` must be a sequence .*, got <class"),
+        (sid.NaturalModes(1), sid.AddMass(1, 1.0), r"`changes` must be a sequence .*, got AddMass\(node=1, mass=1.0\)"),
+    ],
+)
+def test_what_is_no_quantity_or_no_change_is_named(quantity, changes, words):
+    model = make_oscillator(0.02)
+    with pytest.raises(InputError, match=words):
+        if changes is None:
+            sid.predict(model, quantity)
+        else:
+            sid.predict_change(model, quantity, changes)
+
+
+def test_a_prediction_counts_its_entries_in_words():
+    shown = repr(sid.predict(make_oscillator(0.02), sid.Frf(["1X"], ["1X"], np.linspace(5.0, 15.0, 30)), n_draws=50))
+    assert "Frf of 30 frequencies, 1 output, 1 input, (m/s^2)/N" in shown
+
+
 def test_band_of_a_frequency_is_half_that_of_the_stiffness():
     found = sid.predict(make_oscillator(0.02), sid.NaturalModes(1), n_draws=1000)
     f = np.sqrt(8e3 / 2.0) / (2 * np.pi)

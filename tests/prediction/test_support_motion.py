@@ -133,6 +133,31 @@ def test_a_file_of_forces_and_displacements_is_filtered_where_it_holds_forces(tm
         sid.History(["1X"], [ground, "2X"], quantity.loads, RATE, is_filtered=[True])
 
 
+def test_each_input_is_filtered_or_not_and_nothing_else():
+    loads = np.ones((8, 2))
+
+    def filtered(value):
+        return sid.History(["1X"], ["1X", "2X"], loads, RATE, is_filtered=value).is_filtered
+
+    assert filtered(np.True_) == (True, True)
+    assert filtered(np.array([False, True])) == (False, True)
+    assert all(type(value) is bool for value in filtered(np.array([False, True])))
+    for wrong in ([0, 1], [1, 1], [2, 2], 1, None, "no", np.array([0, 1])):
+        with pytest.raises(InputError, match="`is_filtered` must be True or False, or one of them for each of 2 inputs"):
+            filtered(wrong)
+    with pytest.raises(InputError, match="one for each of 2 inputs, got 3"):
+        filtered([True, False, True])
+
+
+def test_a_file_of_displacements_alone_cannot_be_filtered(tmp_path):
+    way = np.cumsum(shaking(), axis=0)[:, :1]
+    sid.write_record(tmp_path / "way.h5", sid.TimeRecord(RATE, way - way[0], ["0X"], ["displacement"]))
+    options = PredictOptions(history=tmp_path / "way.h5", filtered=True)
+    with pytest.raises(InputError, match=r"way\.h5: 0X\+ is a displacement, .* leave `filtered` out") as caught:
+        _history(model_of(storeys()).structure, (sid.parse_dof("1X"),), options)
+    assert caught.value.option == "filtered"
+
+
 def test_motion_per_motion_of_a_support_is_that_of_one_mass():
     """(k + i w c) / (k + i w c - w^2 m), and the force in its bar per acceleration of the ground."""
     parts = [

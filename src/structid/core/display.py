@@ -78,8 +78,10 @@ def format_number(value: float, digits: int = 5) -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """`count` and `noun` as text, such as ``1 mode`` or ``3 modes``."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+    """`count` and `noun` as text, such as ``1 mode``, ``3 modes`` or ``3 frequencies``."""
+    if count == 1:
+        return f"{count} {noun}"
+    return f"{count} {noun[:-1]}ies" if noun.endswith("y") and noun[-2:-1] not in "aeou" else f"{count} {noun}s"
 
 
 def join_words(items: Sequence[object], most: int = 6) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -216,11 +216,19 @@ def changed_model(
     Raises
     ------
     InputError
-        If a change names what the structure does not have, or leaves nothing that moves or nothing that has mass.
+        If a change names what the structure does not have, or leaves nothing that moves or nothing that has mass; or if
+        `changes` is no sequence of changes.
     """
-    for change in changes:
+    each = tuple(changes) if isinstance(changes, Iterable) else ()
+    wrong = [change for change in each if isinstance(change, type) or not hasattr(change, "apply")]
+    if wrong or not isinstance(changes, Iterable):
+        raise InputError(
+            "`changes` must be a sequence of changes with their values, such as [AddMass(node=12, mass=5.0)], got"
+            f" {wrong[0] if wrong else changes!r}"
+        )
+    for change in each:
         structure, parameters = change.apply(structure, parameters)
-    told = join_words([change.words for change in changes])
+    told = join_words([change.words for change in each])
     if not structure.n_dofs:
         raise InputError(
             f"nothing of the changed structure can move ({told}), so that it has no modes; hold or take out less of it"

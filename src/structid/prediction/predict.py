@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from structid.core.arrays import FloatArray, NumberArray, locked
-from structid.core.display import Overview, Shown, format_number
+from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.dof import Dof
 from structid.core.errors import InputError, SingularModelError
 from structid.fem import Structure
@@ -74,7 +74,7 @@ class Prediction(Shown):
         """A line with the shape of the quantity and the median width of its 95 % band."""
         size = np.abs(self.values)
         part = np.divide(self.high - self.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
-        axes = ", ".join(f"{len(entries)} {name}" for name, entries in self.quantity.axes.items())
+        axes = ", ".join(plural(len(entries), name) for name, entries in self.quantity.axes.items())
         words = f"{type(self.quantity).__name__} of {axes}, {self.quantity.unit}; half-width of the 95 % band: median"
         words += f" {format_number(100 * float(np.median(part)), 3)} % of the value"
         return Overview("; ".join(filter(None, (words, self.words))), (), ())
@@ -164,6 +164,7 @@ def predict_together(
     A history and its `Maxima` are computed once. The arguments are those of `predict`.
     """
     model, error = model_and_error(source, model_error)
+    _require_quantities(quantities)
     drawn = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
     return _predict_all(quantities, drawn, model.words, error, seed)
 
@@ -213,6 +214,7 @@ def predict_changes(
     The arguments are those of `predict_change`.
     """
     model, error = model_and_error(source, model_error)
+    _require_quantities(quantities)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
     wanted, followed = list(quantities), list(quantities)
     for i, quantity in enumerate(quantities):
@@ -228,6 +230,16 @@ def predict_changes(
     ]
     both = (_predict_all(wanted, drawn, model.words, error, seed) for drawn in (all_before, all_after))
     return [PredictedChange(*three) for three in zip(*both, differences, strict=True)]
+
+
+def _require_quantities(quantities: Sequence[object]) -> None:
+    """Raise `InputError` for what is no quantity, such as the name of a sensor, or a class in place of its object."""
+    for quantity in quantities:
+        if isinstance(quantity, type) or not hasattr(quantity, "evaluator"):
+            raise InputError(
+                "`quantity` must be an Frf, History, Maxima, Spectrum, RootMeanSquare, Extremes or NaturalModes, got"
+                f" {quantity!r}; for a sensor give its FRFs, such as Frf(['3Y'], ['8Y'], frequency), or its History under loads"
+            )
 
 
 def model_and_error(

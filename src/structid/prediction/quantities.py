@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, TypeAlias, runtime_checkable
 
@@ -313,11 +313,7 @@ class History:
             raise InputError(
                 "`relative` motion is that beyond the motion of supports, and no input is a base; leave it out"
             )
-        filtered = (is_filtered,) * len(driven) if isinstance(is_filtered, bool) else tuple(is_filtered)
-        if len(filtered) != len(driven):
-            raise InputError(
-                f"`is_filtered` must be one value, or one for each of {len(driven)} inputs, got {len(filtered)}"
-            )
+        filtered = _one_an_input(is_filtered, len(driven))
         pairs = ("outputs", sensors), ("inputs", driven), ("loads", table), ("relative", relative)
         for name, value in (
             *pairs,
@@ -344,7 +340,7 @@ class History:
             structure, parameters, points, self.outputs, self.inputs, order, band, True, self.relative
         )
 
-        is_filtered = np.array(self.is_filtered)
+        is_filtered = np.array(self.is_filtered, dtype=bool)
         between = self.loads.copy()
         between[:, is_filtered] = band_limited_loads(self.loads[:, is_filtered])
 
@@ -368,6 +364,20 @@ class History:
     def unit(self) -> str:
         """The units of the outputs, each once."""
         return _once(self.units)
+
+
+def _one_an_input(is_filtered: object, n_inputs: int) -> tuple[bool, ...]:
+    """`is_filtered` of each of `n_inputs` inputs, from one value or one for each; `InputError` for other than True and False."""
+    if isinstance(is_filtered, bool | np.bool_):
+        return (bool(is_filtered),) * n_inputs
+    each = list(is_filtered) if isinstance(is_filtered, Iterable) else [is_filtered]
+    if not all(isinstance(value, bool | np.bool_) for value in each):
+        raise InputError(
+            f"`is_filtered` must be True or False, or one of them for each of {n_inputs} inputs, got {is_filtered!r}"
+        )
+    if len(each) != n_inputs:
+        raise InputError(f"`is_filtered` must be one value, or one for each of {n_inputs} inputs, got {len(each)}")
+    return tuple(map(bool, each))
 
 
 def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:

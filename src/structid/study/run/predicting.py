@@ -350,6 +350,7 @@ def _recorded_loads(structure: Structure, path: Path, options: PredictOptions) -
     inputs: list[Input] = []
     loads: list[FloatArray] = []
     is_displacement: list[bool] = []
+    displaced: list[Dof] = []
     for dof, quantity, column in zip(record.channels, record.quantities, record.values.T, strict=True):
         if quantity == "force":
             inputs.append(dof)
@@ -363,11 +364,18 @@ def _recorded_loads(structure: Structure, path: Path, options: PredictOptions) -
             inputs.append(support_base(structure, dof, options.supports == "together"))
             is_way = quantity == "displacement"
             is_displacement.append(is_way)
+            displaced += [dof] if is_way else []
             loads.append(support_acceleration(column[:, None], record.sampling_rate)[:, 0] if is_way else column)
     if not inputs:
         raise InputError(
             f"{path}: holds neither a force (a channel in N or N m) nor the acceleration or displacement of a support",
             "history",
+        )
+    if options.filtered and len(displaced) == len(inputs):
+        raise InputError(
+            f"{path}: {join_words(displaced)} {'is a displacement' if len(displaced) == 1 else 'are displacements'}, which a"
+            " spline joins between samples already; leave `filtered` out",
+            "filtered",
         )
     moved = [dof.unsigned for base in inputs if isinstance(base, Base) for dof in base.supports]
     if len(set(moved)) < len(moved):
