@@ -619,3 +619,14 @@ def test_the_likeliest_correlation_time_is_that_of_the_force(std):
     assert found.prior_std == pytest.approx(FORCE, rel=0.25)
     z = (found.forces[:, 0] - states[:, 4]) / found.force_std[:, 0]
     assert np.sqrt((z**2).mean()) == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize("n_draws", [0, 3])
+def test_draws_of_a_model_that_is_known_exactly_do_not_excuse_more_noise_than_stated(n_draws):
+    states, _, _, rng = simulate(400, 12)
+    y = states @ system()[0][2:4].T + 0.6 * rng.standard_normal((400, 2))
+    record = sid.TimeRecord(RATE, y, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 0.09))
+    unknown = sid.UnknownForces(["2X"], CORRELATION, FORCE)
+    found = sid.sense(make_model(), record, ["2X"], unknown=unknown, n_draws=n_draws, is_filtered=False)
+    assert not found.is_explained
+    assert "the sensors have more noise than stated" in found.contradiction

@@ -16,7 +16,7 @@ _LAGS = 50
 _SIGNIFICANT = 3.0
 #: Least relative excess of the size of innovations over that of replicates that counts.
 _LARGER = 0.2
-#: The same for a contradiction. Right models that are known within 1 % make up to 1.2 under forces of a narrow spectrum, which the
+#: The same for a contradiction where the drawn models differ and errors are correlated in time. Right models that are known within 1 % make up to 1.2 under forces of a narrow spectrum, which the
 #: replicates do not have, with bands that hold; wrong ones whose bands miss the truth by more than three deviations made 2 or more.
 _CLEARLY_LARGER = 1.5
 #: Least excess of `foretold_part` over that of replicates that counts.
@@ -61,7 +61,7 @@ def foretold_part(whitened: FloatArray) -> float:
     rms = np.sqrt(np.mean(whitened**2, axis=0))
     scaled = whitened / np.where(rms > 0, rms, 1.0)
     count, n = scaled.shape
-    lags = range(1, min(_LAGS, count // 4) + 1)
+    lags = range(1, _n_lags(count) + 1)
     return float(sum(((scaled[:-lag].T @ scaled[lag:] / count) ** 2).sum() for lag in lags) / n)
 
 
@@ -72,8 +72,9 @@ class InnovationVerdict:
     Attributes
     ----------
     is_contradicted : bool
-        True where innovations that no force can make alone are too large or correlated in time, so that the model or the noise of
-        the sensors is wrong; and where every direction is forced and those of the forces are.
+        True where innovations that no force can make alone are too large or correlated in time, by more than the uncertainty of the
+        model and an unknown noise of the sensors may make, so that the model or the stated noise is wrong or a force acts where
+        none is named; and where every direction is forced and those of the forces are. Never with more forces than sensors.
     words : str
         A sentence on what is wrong or may be, also where `is_contradicted` is False; "" where nothing is.
     """
@@ -87,17 +88,21 @@ def judge_innovations(
     replicates: Sequence[Innovations],
     has_stated_noise: bool,
     is_distributed: bool,
-    is_uncertain: bool,
+    spread: FloatArray,
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
-    There are two replicates or more, of as many samples and of the same directions. Directions without a force of their own
-    contradict the model if they are too large or correlated in time; of the correlation of open ones only a clear one counts.
-    Where the record states the noise of its sensors (`has_stated_noise`) and replicates include other models (`is_uncertain`),
-    such directions must be larger by far, and a smaller excess is told as a doubt: forces of a narrow spectrum make it too. Where
-    the record does not state the noise, only clear correlation contradicts the model: the rest may be noise. Directions of forces
-    contradict it only if there are no others. Nothing does where more independent unknown forces act than sensors measure
-    (`is_distributed`).
+    There are two replicates or more, of as many samples and of the same directions. Unforced directions contradict the model if
+    their innovations are larger by 20 %, or are correlated in time; open ones among them only if they are clearly correlated.
+    Between 1.2 and 2.5 times the size is a doubt in their stead where the uncertainty of the model may make the excess: innovations
+    are correlated in time, as those of a narrow spectrum are, and the excess is less than three deviations of them among models
+    within the uncertainty. Where the record does not state the noise of its sensors (`has_stated_noise` false), only clear
+    correlation contradicts the model: the rest may be noise. Forced directions, and weak correlation in open ones, contradict it
+    only where all directions are forced, and are a note elsewhere. Nothing contradicts it where more independent unknown forces
+    act than sensors measure (`is_distributed`).
+
+    `spread` (n,) is the root mean square, over samples and models within the uncertainty, of their innovations of the record less
+    those of the filter, in the directions of `record`; 0 where the model is exact.
 
     Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
     (replicates within the uncertainty).
@@ -109,7 +114,8 @@ def judge_innovations(
 
     # each is "" where nothing is found; the first finding is told
     clear = _correlated(*columns(~forced), _CLEARLY_FORETOLD)
-    least = _CLEARLY_LARGER if has_stated_noise and is_uncertain else _LARGER
+    is_lenient = has_stated_noise and _may_be_uncertainty(*columns(~forced), spread[~forced])
+    least = _CLEARLY_LARGER if is_lenient else _LARGER
     doubt = _larger(*columns(~forced))
     unforced = _larger(*columns(~forced), least) or _correlated(*columns(~forced & ~open_alone)) or clear
     of_forces = _larger(*columns(forced)) or _correlated(*columns(forced)) or _correlated(*columns(open_alone))
@@ -137,8 +143,8 @@ def judge_innovations(
         return InnovationVerdict(
             False,
             f"{doubt}, in what no choice of these forces explains: a model that is right within its uncertainty does so under"
-            " forces of a narrow spectrum, but it may be wrong, and bands be too narrow by as much; compare with a sensor that is"
-            " left out",
+            " forces of a narrow spectrum, but it may be wrong, a force may act where none is named, or the sensors may have more"
+            " noise than stated, and bands be too narrow by as much; compare with a sensor that is left out",
         )
     if of_forces and forced.all():
         return InnovationVerdict(
@@ -188,6 +194,26 @@ def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: f
     if _is_beyond(part, usual) and part - np.mean(usual) > least:
         return "the prediction errors of the sensors are correlated in time, and should be white noise"
     return ""
+
+
+def _may_be_uncertainty(whitened: FloatArray, replicates: Sequence[FloatArray], spread: FloatArray) -> bool:
+    """True if the uncertainty of the model may make whitened innovations (n_times, n) larger than those of replicates.
+
+    They are then no white noise, whose `foretold_part` has the mean n n_lags / n_times and the variance 2 n_lags / n_times^2, and
+    their excess is less than three deviations: those of `spread` (n,).
+    """
+    if not whitened.size:
+        return False
+    count, n = whitened.shape
+    n_lags = _n_lags(count)
+    correlated = foretold_part(whitened) - n * n_lags / count
+    usual = np.exp(np.mean(np.log([mean_square(item) for item in replicates])))
+    is_within = mean_square(whitened) - usual < _SIGNIFICANT**2 * np.mean(spread**2)
+    return bool(is_within and correlated > max(_FORETOLD, _SIGNIFICANT * np.sqrt(2 * n_lags) / count))
+
+
+def _n_lags(count: int) -> int:
+    return min(_LAGS, count // 4)
 
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:

@@ -412,18 +412,21 @@ def _within_uncertainty(
     smoother, std = chosen.smoother, chosen.std
     fit, rng = smoother.fit(reduced, std), np.random.default_rng([seed, 1])
     nominal = smoother.run(fit)
-    spread = np.zeros_like(nominal.mean)
+    spread, error, steady = np.zeros_like(nominal.mean), fit.prediction_errors(), fit.steady
+    of_models = np.zeros(len(steady.sizes))
     replicates: list[_Smoother] = []
     for other in others:
         of_other = smoother.fit(other, std)
         spread += (smoother.smoothed_mean(of_other)[0] - nominal.mean) ** 2 / len(others)
+        apart = (of_other.prediction_errors() - error) @ steady.whiten
+        of_models += np.mean(apart**2, axis=0) / len(others)
         if len(replicates) < _REPLICATES:
             replicates.append(smoother.with_replicate(of_other, rng))
     replicates += [smoother.with_replicate(fit, rng) for _ in range(_REPLICATES - len(replicates))]
-    usual = [smoother.innovations(item.filtered(fit.steady)) for item in replicates]
+    usual = [smoother.innovations(item.filtered(steady)) for item in replicates]
     has_stated_noise = smoother.channels.has_stated_noise
     verdict = judge_innovations(
-        smoother.innovations(fit), usual, has_stated_noise, smoother.is_distributed, bool(others)
+        smoother.innovations(fit), usual, has_stated_noise, smoother.is_distributed, np.sqrt(of_models)
     )
     return nominal, np.sqrt(nominal.variance + spread), verdict
 
@@ -773,6 +776,10 @@ class _Filtered:
         """Mean before the reading of each sample, (n_times, n_states)."""
         at_rest = np.zeros_like(self.from_rest[1:])
         return self.from_rest + stepped(self.steady.step, at_rest, self.start)
+
+    def prediction_errors(self) -> FloatArray:
+        """Readings less those expected from the samples before, in standard deviations of their noise, (n_times, n_used)."""
+        return self.read - self.before() @ self.steady.system.reading.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -1141,7 +1148,7 @@ class _Smoother:
         """Readings less those that the filter expects from the samples before."""
         steady, n = fit.steady, len(fit.steady.sizes)
         return Innovations(
-            (fit.read - fit.before() @ steady.system.reading.T) @ steady.whiten,
+            fit.prediction_errors() @ steady.whiten,
             np.arange(n) >= n - steady.system.n_combined,
             steady.sizes > 1 + _OPEN**2,
         )
