@@ -81,7 +81,11 @@ def test_every_use_starts_from_an_identification_and_says_so_of_anything_else():
         ("3Y", None, r"`quantity` must be an Frf, .* got '3Y'; for a sensor give its FRFs, such as Frf"),
         (sid.NaturalModes, None, "`quantity` must be an Frf, .* got <class .*NaturalModes"),
         ("3Y", [sid.AddMass(1, 1.0)], "`quantity` must be an Frf, .* got '3Y'"),
-        (sid.NaturalModes(1), sid.AddMass, r"`changes` must be a sequence .*AddMass\(node=12, mass=5.0\)\], got <class"),
+        (
+            sid.NaturalModes(1),
+            sid.AddMass,
+            r"`changes` must be a sequence .*AddMass\(node=12, mass=5.0\)\], got <class",
+        ),
         (sid.NaturalModes(1), [sid.AddMass], "`changes` must be a sequence .*, got <class"),
         (sid.NaturalModes(1), sid.AddMass(1, 1.0), r"`changes` must be a sequence .*, got AddMass\(node=1, mass=1.0\)"),
     ],

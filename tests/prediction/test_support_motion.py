@@ -143,7 +143,9 @@ def test_each_input_is_filtered_or_not_and_nothing_else():
     assert filtered(np.array([False, True])) == (False, True)
     assert all(type(value) is bool for value in filtered(np.array([False, True])))
     for wrong in ([0, 1], [1, 1], [2, 2], 1, None, "no", np.array([0, 1])):
-        with pytest.raises(InputError, match="`is_filtered` must be True or False, or one of them for each of 2 inputs"):
+        with pytest.raises(
+            InputError, match="`is_filtered` must be True or False, or one of them for each of 2 inputs"
+        ):
             filtered(wrong)
     with pytest.raises(InputError, match="one for each of 2 inputs, got 3"):
         filtered([True, False, True])

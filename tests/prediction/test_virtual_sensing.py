@@ -1,5 +1,8 @@
 """The smoother against a batch estimate with whole covariance matrices, and its words."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import linalg, signal
@@ -8,6 +11,7 @@ import structid as sid
 from structid.core.errors import InputError, NoAnswerError
 from structid.prediction import virtual_sensing
 from structid.prediction.identified_model import identified_model
+from structid.prediction.recovery import parse_output
 from structid.prediction.virtual_sensing import _sum_of_powers
 
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
@@ -344,9 +348,52 @@ def test_bands_of_slow_motion_that_rest_on_the_spectrum_of_the_forces_are_told()
         found = sid.sense(make_model(), record, ["2X"], motion, unknown, n_draws=0, is_filtered=False)
         return " ".join(found.words)
 
-    assert "Hz these sensors tell less than half of the displacement" in words("displacement", CORRELATION)
-    assert "its band rests on the spectrum" not in words("acceleration", CORRELATION)
-    assert "its band rests on the spectrum" not in words("displacement", CORRELATION, FORCE)
+    assert "Hz these sensors tell less than half of the displacement at 2X+, and" in words("displacement", CORRELATION)
+    assert "such a band rests on the spectrum" not in words("acceleration", CORRELATION)
+    assert "such a band rests on the spectrum" not in words("displacement", CORRELATION, FORCE)
+
+
+def test_each_output_whose_band_rests_on_the_spectrum_is_named():
+    """The slow part of one output is not hidden by those that are told, or do not move at all."""
+    frequency = np.geomspace(1 / 10.0, RATE / 2, virtual_sensing._LOOKED_AT)
+    flat, slow = np.ones(len(frequency)), np.where(frequency < 1.0, 1.0, 1e-3)
+    before = np.column_stack([flat, slow, 0 * flat, *[1e6 * flat] * 5, *[slow] * 4])
+    after = np.column_stack([0.4 * flat, slow, 0 * flat, *[4e5 * flat] * 5, *[slow] * 4])
+    smoother = SimpleNamespace(rate=RATE, driving=np.zeros((500, 0)), spectra=lambda *_: (before, after))
+    force = parse_output("N[bars:1@0]")
+    outputs = (*(sid.parse_dof(f"{k}X") for k in range(1, 9)), force, *(sid.parse_dof(f"{k}X") for k in (9, 10, 11)))
+    chosen = SimpleNamespace(smoother=smoother, std=1.0)
+    (words,) = virtual_sensing._slow_words(chosen, None, outputs, "velocity")
+    assert "less than half of the velocity at 2X+, N[bars:1@0], the velocity at 9X+ and 2 more, and" in words
+    assert "nan" not in words
+    assert virtual_sensing._slow_words(chosen, None, outputs[:1], "velocity") == ()
+
+
+def test_trials_of_a_frequency_without_an_answer_are_no_end_of_the_search(monkeypatch):
+    """The first size and some trials have none."""
+    original, tried = virtual_sensing._Smoother._stationary, []
+
+    def failing(self, system, noise):
+        tried.extend([1] * bool(self.frequency))
+        if self.frequency and len(tried) in (1, 2, 6, 9):
+            raise np.linalg.LinAlgError if len(tried) % 2 else NoAnswerError
+        return original(self, system, noise)
+
+    def first_choice(self, reduced, std):
+        return virtual_sensing._ChosenForces(replace(self, correlation_time=CORRELATION), FORCE, True, -1e9)
+
+    monkeypatch.setattr(virtual_sensing._Smoother, "with_likeliest_time", first_choice)
+    monkeypatch.setattr(virtual_sensing._ChosenForces, "with_likeliest_order", lambda *_: None)
+    monkeypatch.setattr(virtual_sensing, "_MOST_TRIALS", 12)
+    monkeypatch.setattr(virtual_sensing._Smoother, "_stationary", failing)
+    fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(1200) / RATE / 8)[:, None]
+    motion = sid.predict(make_model(), sid.History(["1X", "2X"], ["2X"], fine, 8 * RATE), n_draws=50).values[::8]
+    noisy = motion + 0.1 * np.random.default_rng(13).standard_normal(motion.shape)
+    record = sid.TimeRecord(RATE, noisy, ["1X", "2X"], ["acceleration"] * 2, variance=np.full(2, 0.01))
+    unknown = sid.UnknownForces(["2X"])
+    found = sid.sense(make_model(), record, ["2X"], unknown=unknown, n_draws=0, is_filtered=False)
+    assert np.isfinite(found.values).all()
+    assert len(tried) > 9
 
 
 def test_spectra_of_what_the_record_leaves_open_sum_to_the_variance(monkeypatch):

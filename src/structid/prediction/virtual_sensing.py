@@ -388,7 +388,7 @@ def sense(
         (
             *(() if chosen.is_trusted else (_DOUBTED,)),
             *((verdict.words,) if verdict.words and not verdict.is_contradicted else ()),
-            *(_slow_words(chosen, reduced, n_out, motion) if is_estimated else ()),
+            *(_slow_words(chosen, reduced, wanted, motion) if is_estimated else ()),
             *(
                 (_distributed_words(len(forces), len(channels.sensors)),)
                 if is_distributed
@@ -465,8 +465,10 @@ _DOUBTED = (
 )
 
 
-def _slow_words(chosen: _ChosenForces, reduced: ReducedMatrices, n_outputs: int, motion: str) -> tuple[str, ...]:
-    """A sentence where bands of the first `n_outputs` outputs rest on the spectrum that was estimated for the forces; else ().
+def _slow_words(
+    chosen: _ChosenForces, reduced: ReducedMatrices, outputs: Sequence[Output], motion: str
+) -> tuple[str, ...]:
+    """A sentence on the first outputs, `outputs`, whose bands rest on the spectrum that was estimated for the forces; else ().
 
     Bands do so where, from the lowest frequency on, more than half of the variance of the motion remains open, and this makes a
     large part of the variance of its error. Accelerometers hardly tell slow motion: their noise hides it. Its band is then that
@@ -474,18 +476,23 @@ def _slow_words(chosen: _ChosenForces, reduced: ReducedMatrices, n_outputs: int,
     """
     smoother = chosen.smoother
     frequency = np.geomspace(smoother.rate / len(smoother.driving), smoother.rate / 2, _LOOKED_AT)
-    before, after = smoother.spectra(reduced, chosen.std, frequency)
-    size = before[:, :n_outputs].sum(axis=0)  # outputs may have several units
-    total, left = ((table[:, :n_outputs] / size).sum(axis=1) * frequency for table in (before, after))
+    tables = smoother.spectra(reduced, chosen.std, frequency)
+    total, left = (table[:, : len(outputs)] * frequency[:, None] for table in tables)
     slow = np.logical_and.accumulate(left > total / 2)  # from the lowest line on, without gaps
-    part = float(left[slow].sum() / left.sum())
-    if not part > _RESTING:
+    whole = left.sum(axis=0)
+    part = np.divide((left * slow).sum(axis=0), whole, out=np.zeros(len(outputs)), where=whole > 0)
+    resting = np.flatnonzero(part > _RESTING)
+    if not len(resting):
         return ()
+    limits = [format_number(float(frequency[n - 1]), 2) for n in sorted(slow[:, resting].sum(axis=0).tolist())]
+    parts = [f"{100 * each:.0f}" for each in sorted(part[resting].tolist())]
+    below, percent = (" to ".join(dict.fromkeys((words[0], words[-1]))) for words in (limits, parts))
+    names = [f"the {motion} at {each}" if isinstance(each, Dof) else str(each) for each in outputs]
     return (
-        f"below {format_number(float(frequency[slow][-1]), 2)} Hz these sensors tell less than half of the {motion}, and"
-        f" {100 * part:.0f} % of the variance of its error comes from there: its band rests on the spectrum that is taken for the"
-        " unknown forces, and is far too narrow if they have more slow parts, as under vehicles that cross; measure a displacement"
-        " or an inclination too",
+        f"below {below} Hz these sensors tell less than half of {join_words([names[i] for i in resting], 3)}, and {percent} % of"
+        " the variance of the error comes from there: such a band rests on the spectrum that is taken for the unknown forces, and"
+        " is far too narrow if they have more slow parts, as under vehicles that cross; measure a displacement or an inclination"
+        " too",
     )
 
 
@@ -843,15 +850,20 @@ class _ChosenForces:
             if not is_within:
                 return float("inf")
             smoother, size = of_point(point)
-            return (
-                -smoother.log_likelihood(reduced, size)
-                if size < smoother._greatest_std(reduced, above)
-                else float("inf")
-            )
+            try:
+                system = smoother._system(reduced, size)
+                if not size < smoother._std_of_motion(system, size) * 10**above:
+                    return float("inf")
+                return -smoother.filtered(smoother._steady_filter(system)).log_likelihood
+            except (NoAnswerError, np.linalg.LinAlgError):
+                return float("inf")
 
         def first_point(time: float) -> FloatArray:
             smoother, size = of_point(np.log([time, peak, first]))
-            return np.log([time, peak, min(size, smoother._first_std(reduced))])
+            try:
+                return np.log([time, peak, min(size, smoother._first_std(reduced))])
+            except (NoAnswerError, np.linalg.LinAlgError):
+                return np.log([time, peak, size])
 
         times = 1 / peak, np.sqrt(count / rate / peak), count / rate / 2
         start = min(map(first_point, times), key=unlikely)
@@ -861,9 +873,9 @@ class _ChosenForces:
         likeliest = -float(search.fun)
         is_worth = likeliest > self.greatest + 0.5 * np.log(count)
         smoother, size = of_point(search.x)
-        if is_worth and not size < smoother._greatest_std(reduced, above - 3 * _SURE):
+        if not is_worth or not size < smoother._first_std(reduced) * 10 ** (above - 3 * _SURE):
             return None
-        return _ChosenForces(*of_point(search.x), True, likeliest) if is_worth else None
+        return _ChosenForces(smoother, size, True, likeliest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -1066,17 +1078,17 @@ class _Smoother:
 
         Sensors that the forces hardly move hardly count. `NoAnswerError` if no sensor moves with them.
         """
-        system = self._system(reduced, 1.0)
-        made = np.einsum("ij,jk,ik->i", system.reading, self._stationary(system, system.noise), system.reading)
+        return self._std_of_motion(self._system(reduced, 1.0), 1.0)
+
+    def _std_of_motion(self, system: _StateSpace, std: float) -> float:
+        """Standard deviation of the unknown forces, N, that makes the measured motion; `std` is that of `system`."""
+        covariance = self._stationary(system, system.noise)
+        made = np.einsum("ij,jk,ik->i", system.reading, covariance, system.reading) / std**2
         if not made.max() > 0:
             raise NoAnswerError(
                 "no sensor moves with the unknown forces, so that their size cannot be told; state it, or use other sensors"
             )
         return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
-
-    def _greatest_std(self, reduced: ReducedMatrices, decades: float) -> float:
-        """Largest plausible standard deviation of the unknown forces, N: 10^`decades` times that which the motion asks for."""
-        return self._first_std(reduced) * 10**decades
 
     @property
     def _measured(self) -> FloatArray:
