@@ -1,5 +1,6 @@
 """Bands against closed forms, shared errors that cancel, and changes against structures made with them."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -91,12 +92,9 @@ def test_every_use_starts_from_an_identification_and_says_so_of_anything_else():
     ],
 )
 def test_what_is_no_quantity_or_no_change_is_named(quantity, changes, words):
-    model = make_oscillator(0.02)
+    use = sid.predict if changes is None else partial(sid.predict_change, changes=changes)
     with pytest.raises(InputError, match=words):
-        if changes is None:
-            sid.predict(model, quantity)
-        else:
-            sid.predict_change(model, quantity, changes)
+        use(make_oscillator(0.02), quantity)
 
 
 def test_a_prediction_counts_its_entries_in_words():

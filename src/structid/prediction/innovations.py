@@ -16,8 +16,9 @@ _LAGS = 50
 _SIGNIFICANT = 3.0
 #: Least relative excess of the size of innovations over that of replicates that counts.
 _LARGER = 0.2
-#: The same for a contradiction where the drawn models differ and errors are correlated in time. Right models that are known within 1 % make up to 1.2 under forces of a narrow spectrum, which the
-#: replicates do not have, with bands that hold; wrong ones whose bands miss the truth by more than three deviations made 2 or more.
+#: The same for a contradiction where the drawn models differ and errors are correlated in time. Right models that are known within
+#: 1 % make up to 1.2 under forces of a narrow spectrum, which the replicates do not have, with bands that hold; wrong ones whose
+#: bands miss the truth by more than three deviations made 2 or more.
 _CLEARLY_LARGER = 1.5
 #: Least excess of `foretold_part` over that of replicates that counts.
 _FORETOLD = 0.05
