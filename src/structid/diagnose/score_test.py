@@ -18,6 +18,7 @@ from structid.diagnose.receptances import MOST_LINES, Receptances, receptances_a
 from structid.diagnose.search_budget import METER, iteration_effort, screening_effort
 from structid.diagnose.thresholds import FINELY_SCREENED
 from structid.diagnose.tolerance_directions import damped_basis, fixed_columns, tolerance_directions
+from structid.dynamics.receptance import single_blas
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.fixed_values import tolerances_of
 from structid.inversion import JointProblem
@@ -116,6 +117,7 @@ class Point:
             misfit_of_rows, int((~keep).sum())
         )
 
+    @single_blas()
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
         """Screening result of every candidate, in the same order: its best strength and the misfit that this leaves.
 
@@ -139,6 +141,7 @@ class Point:
             for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
         ]
 
+    @single_blas()
     def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
         """Small changes that the residual asks for by a score test, each alone, with all parameters following linearly.
 

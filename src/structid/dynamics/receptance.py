@@ -120,7 +120,7 @@ class LineFactor:
 
 @contextmanager
 def single_blas() -> Iterator[None]:
-    """BLAS with one thread: factorizations of this size lose time to more."""
+    """BLAS with one thread: factorizations and products of this size lose time to more."""
     with _thread_pools().limit(limits=1, user_api="blas"):
         yield
 
