@@ -6,8 +6,10 @@ from test_each_cause import begun, require_explained
 from test_kindred_causes import SPACE, written_in_space
 
 import structid as sid
+from structid.core.errors import InputError
 from structid.diagnose.causes.turned_section import TurnedSection, turned_orientation
 from structid.diagnose.set_screening import screen_sets
+from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import SERIAL
 
 #: The girder with its flat side down: local y up, in place of across.
@@ -81,3 +83,57 @@ def test_no_direction_turns_beams_along_all_axes():
 def test_sections_with_equal_stiffnesses_are_not_tried(tmp_path):
     base = begun(written_in_space(tmp_path, SPACE))
     assert [one.where for one in TurnedSection.from_model(base.modified.model, base.modified.problems)] == [("girder",)]
+
+
+INCLINED = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 2.0), 3: (5.0, 0.0, 0.0), 4: (5.0, 1.0, 2.0)}
+
+
+@pytest.mark.parametrize("guide", [None, [0, 0, 1], [1, 0, 0], [0, 1, 0], [1, 2, 3]])
+def test_beams_inclined_in_two_planes_are_turned_by_one_direction(guide):
+    def sections(orientation):
+        beam = sid.SpaceBeam("legs", [[1, 2], [3, 4]], 1.0, 2.0, 3.0, orientation=orientation)
+        return beam, {name: axis[:, :3] for name, axis in beam.section_directions(INCLINED).items()}
+
+    beam, drawn = sections(guide)
+    _, turned = sections(turned_orientation(beam, INCLINED))
+    np.testing.assert_allclose(np.abs((turned["VY"] * drawn["VZ"]).sum(axis=1)), 1.0, rtol=1e-9)
+
+
+def tried(bending_y, unknowns):
+    legs = sid.SpaceBeam("legs", [[1, 2], [2, 3]], 1.0, bending_y, 3.0, orientation=[0, 1, 0])
+    arm = sid.SpaceBeam("arm", [[3, 4]], 1.0, 2.0, 3.0, orientation=[0, 0, 1])
+    structure = sid.Structure(NODES, [legs, arm], fixed=[f"1{motion}" for motion in ("X", "Y", "Z", "RX", "RY", "RZ")])
+    unknown = sid.parameters(structure, [sid.Unknown("mass", "arm"), *unknowns])
+    record = sid.FrfRecord(np.arange(5.0, 9.0), np.ones((4, 1, 1)), "4X", "4X", "receptance")
+    model = TestedModel((sid.Setup(structure, unknown, record),), sid.IdentifyOptions())
+    return [one.where for one in TurnedSection.from_model(model, ())], model
+
+
+def about(axis, **more):
+    return sid.Unknown(f"bending_stiffness_{axis}", "legs", **more)
+
+
+@pytest.mark.parametrize(
+    ("bending_y", "unknowns", "is_tried"),
+    [
+        (2.0, [], True),
+        (3.0, [], False),
+        (3.0, [about("y")], True),
+        (3.0, [about("z")], True),
+        (2.0, [about("y"), about("z")], False),
+        (2.0, [about("y", prior=sid.Prior(2.0, 0.1)), about("z")], True),
+        ([2.0, 4.0], [about("y"), about("z")], True),
+    ],
+)
+def test_sets_are_tried_whose_turning_makes_a_difference(bending_y, unknowns, is_tried):
+    """With one stiffness unknown equal starts say nothing; with both free their fit is the same turned or not."""
+    wanted = [("legs", "arm"), ("legs",), ("arm",)] if is_tried else [("arm",)]
+    assert tried(bending_y, unknowns)[0] == wanted
+
+
+def test_all_sets_are_turned_together_and_what_cannot_be_turned_is_told():
+    wheres, model = tried(2.0, [])
+    together = TurnedSection(where=wheres[0]).edits(model, 1.0)
+    assert [(edit.name, edit.value) for edit in together] == [("legs", [1.0, 0.0, 1.0]), ("arm", [1.0, 0.0, 0.0])]
+    with pytest.raises(InputError, match="'rods' has no beams in space that one `orientation` turns; put"):
+        TurnedSection(where=("rods",)).edits(model, 1.0)

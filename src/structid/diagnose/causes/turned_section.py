@@ -10,12 +10,17 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.display import join_words
+from structid.core.errors import InputError
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_ELEMENTS, spread
 from structid.diagnose.model_edits import Edits, SetProperty, rounded
 from structid.diagnose.tested_model import TestedModel
 from structid.fem import SpaceBeam, Structure
 from structid.forward import RecordProblem
+from structid.unknowns import Parameters
+
+#: Part of the largest eigenvalue of y'y below which the local y axes are all parallel.
+_PARALLEL = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,15 +35,14 @@ class TurnedSection(Candidate):
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
         """Candidates for all sets of beams with two different bending stiffnesses together, then for each set.
 
-        The first is left out where there is one set only. Sets without a `turned_orientation` do not count. Of many sets
-        `MOST_ELEMENTS` are tried alone, evenly chosen.
+        Left out are sets whose beams have no common direction that turns every one, and those whose parameters may take
+        either stiffness anyhow. Of many sets 150 are tried alone, evenly chosen.
         """
-        structure = model.setups[0].structure
+        structure, parameters = model.setups[0].structure, model.setups[0].parameters
         names = [
             one.name
             for one in space_beams(structure)
-            if not np.array_equal(one.bending_stiffness_y, one.bending_stiffness_z)
-            and turned_orientation(one, structure.nodes) is not None
+            if _makes_a_difference(one, structure, parameters) and turned_orientation(one, structure.nodes) is not None
         ]
         if len(names) > 1:
             yield cls(where=tuple(names))
@@ -48,7 +52,13 @@ class TurnedSection(Candidate):
     def edits(self, model: TestedModel, strength: float) -> Edits:
         structure = model.setups[0].structure
         turned = {one.name: turned_orientation(one, structure.nodes) for one in space_beams(structure)}
-        return [SetProperty(name, "orientation", turned[name] or []) for name in self.where]
+        edits = []
+        for name in self.where:
+            guide = turned.get(name)
+            if guide is None:
+                raise InputError(f"{name!r} has no beams in space that one `orientation` turns; put beams along other directions in sets of their own")
+            edits.append(SetProperty(name, "orientation", guide))
+        return edits
 
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
@@ -61,19 +71,54 @@ def space_beams(structure: Structure) -> list[SpaceBeam]:
     return [one for one in structure.elements if isinstance(one, SpaceBeam)]
 
 
+def _makes_a_difference(element: SpaceBeam, structure: Structure, parameters: Parameters) -> bool:
+    """True unless a set of beams has the same stiffnesses, or may take the same, in both planes of bending.
+
+    It may where parameters without priors change both stiffnesses in the same way, each by its own.
+    """
+    y, z = (_columns(element.name, name, structure, parameters) for name in ("bending_stiffness_y", "bending_stiffness_z"))
+    used_y, used_z = y.any(axis=0), z.any(axis=0)
+    is_held = (parameters.priors.stated & (used_y | used_z)).any() or bool(parameters.couplings)
+    if used_y.any() and used_z.any() and not (used_y & used_z).any() and not is_held:
+        both = np.column_stack([y, z])
+        n_y, n_z, n_both = (int(np.linalg.matrix_rank(columns)) for columns in (y, z, both))
+        if n_y == n_z == n_both:
+            return False
+    is_one_unknown = used_y.any() != used_z.any()
+    return bool(is_one_unknown) or not np.array_equal(element.bending_stiffness_y, element.bending_stiffness_z)
+
+
+def _columns(element: str, name: str, structure: Structure, parameters: Parameters) -> FloatArray:
+    """How the parameters make up a property of the element set, (n_elements, n_params)."""
+    item = next(one for one in structure.properties if (one.element, one.term.property) == (element, name))
+    return np.asarray(parameters.design.tocsr()[item.values].toarray())
+
+
 def turned_orientation(element: SpaceBeam, nodes: Mapping[int, FloatArray]) -> list[float] | None:
     """The `orientation` [x, y, z] that turns the section of each beam of a set by 90 degrees, or None.
 
-    It is the sum of the local z axes of the beams, each direction once, or a global axis. `nodes` are positions, m.
+    It is across every local y axis and along no beam. `nodes` are positions, m.
     """
-    z = element.section_directions(nodes)["VZ"][:, :3]
-    x = element.section_directions(nodes)["N"][:, :3]
-    first = np.argmax(np.abs(z) > 0.5, axis=1)
-    alike = z * np.sign(z[np.arange(len(z)), first])[:, None]
-    for guide in (np.unique(alike.round(6), axis=0).sum(axis=0), *np.eye(3)):
-        across = guide - (x @ guide)[:, None] * x
-        length = np.linalg.norm(across, axis=1)
-        is_turned = np.abs((across * z).sum(axis=1)) > (1 - 1e-6) * length
-        if (length > 1e-3).all() and is_turned.all():
-            return [rounded(component) for component in guide.tolist()]
-    return None
+    axes = element.section_directions(nodes)
+    x, y, z = (axes[name][:, :3] for name in ("N", "VY", "VZ"))
+    sizes, across_y = np.linalg.eigh(y.T @ y)  # the first vectors are across all y
+    guide = across_y[:, 0]
+    if sizes[1] < _PARALLEL * sizes[2]:
+        guide = across_y[:, :2] @ _between_beams(x @ across_y[:, :2])
+    largest = int(np.argmax(np.abs(guide).round(6)))
+    guide = (guide / guide[largest]).round(6) + 0.0
+    across = guide - (x @ guide)[:, None] * x
+    length = np.linalg.norm(across, axis=1)
+    is_turned = np.abs((across * z).sum(axis=1)) > (1 - 1e-6) * length
+    if not (length > 1e-3).all() or not is_turned.all():
+        return None
+    return [rounded(component) for component in guide.tolist()]
+
+
+def _between_beams(along: FloatArray) -> FloatArray:
+    """Unit vector (2,) in a plane, in the middle of the widest angle that beams along `along` (n, 2) leave free."""
+    angles = np.sort(np.arctan2(along[:, 1], along[:, 0]) % np.pi)
+    gaps = np.diff(np.append(angles, angles[0] + np.pi))
+    widest = int(np.argmax(gaps.round(6)))
+    middle = angles[widest] + gaps[widest] / 2
+    return np.array([np.cos(middle), np.sin(middle)])
