@@ -5,6 +5,7 @@ import pytest
 
 import structid as sid
 from structid.core.errors import InputError
+from structid.identification.identify import identify_together
 
 
 def cantilever(fixed=("0Y", "0RZ")):
@@ -12,6 +13,7 @@ def cantilever(fixed=("0Y", "0RZ")):
     return sid.Structure({0: 0.0, 1: 0.3, 2: 0.6}, beam, fixed)
 
 
+CANTILEVER = cantilever()
 MASS = sid.Unknown("mass", "beam")
 LINES = np.arange(5.0, 50.0)
 RECORD = sid.FrfRecord(LINES, np.ones((45, 1, 1)), "2Y", "2Y", "accelerance")
@@ -46,3 +48,28 @@ def test_nodes_unknowns_and_rates_of_another_kind_are_refused():
         sid.parameters(cantilever(), [("mass", "beam")])
     with pytest.raises(InputError, match="`sampling_rate` must be one positive number, got an array; the samples come"):
         sid.TimeRecord(np.zeros((9, 1)), 100.0, ["2Y"], ["force"])
+
+
+def setup_of(**more):
+    given = {"structure": CANTILEVER, "parameters": sid.parameters(CANTILEVER, MASS), "record": RECORD} | more
+    return sid.Setup(**given)
+
+
+@pytest.mark.parametrize(
+    ("setups", "words"),
+    [
+        (None, "`setups` must be of class Iterable, got NoneType; give a list of set-ups"),
+        (5, "`setups` must be of class Iterable, got int; give a list of set-ups"),
+        ((one for one in [5]), "`setups[0]` must be of class RecordSetup, got int; make it by `Setup`"),
+        ([setup_of(parameters=[MASS])], "`setups[0].parameters` must be of class Parameters, got list; make it by `par"),
+        ([setup_of(record="x")], "`setups[0].record` must be of class FrfRecord, got str; make it by `read_record`"),
+        (
+            [setup_of(parameters=sid.parameters(CANTILEVER, []), channel_unknowns=[sid.ChannelUnknown("gain", "2Y")])],
+            "nothing is unknown beside the errors of channels; give `parameters(structure, unknowns)` at least one",
+        ),
+    ],
+)
+def test_setups_of_another_kind_are_refused_with_what_makes_them(setups, words):
+    with pytest.raises(InputError) as refused:
+        identify_together(setups)
+    assert str(refused.value).startswith(words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +37,12 @@ __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_t
 _RECORD_MAKERS = (
     "make it by `read_record` or `FrfRecord`; modes and histories go to `identify_together`, each in a set-up"
 )
+#: What makes each part of a set-up.
+_MADE_BY = {
+    "structure": "make it by `Structure(nodes, elements, fixed)`",
+    "parameters": "make it by `parameters(structure, unknowns)`",
+    "record": "make it by `read_record` or its class, and give the set-up of its kind: `Setup`, `TimeSetup` or `ModalSetup`",
+}
 
 
 def identify(
@@ -75,8 +81,8 @@ def identify(
     ----------
     Norris (1986), chapter 4, with the unmeasured degrees of freedom eliminated.
     """
-    require_class("structure", structure, Structure, "make it by `Structure(nodes, elements, fixed)`")
-    require_class("unknown", unknown, Parameters, "make it by `parameters(structure, unknowns)`")
+    require_class("structure", structure, Structure, _MADE_BY["structure"])
+    require_class("unknown", unknown, Parameters, _MADE_BY["parameters"])
     require_class("record", record, FrfRecord, _RECORD_MAKERS)
     return identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
 
@@ -122,7 +128,7 @@ def identify_together(
         a shared parameter is declared differently in two set-ups, or a record cannot be used.
     """
     chosen = IdentifyOptions() if options is None else options
-    _require_setups(setups, chosen)
+    setups = _checked_setups(setups, chosen)
     prepared = [setup.prepared(chosen) for setup in setups]
     problems = initial = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
@@ -194,15 +200,17 @@ def identify_together(
     )
 
 
-def _require_setups(setups: Sequence[AnySetup], options: IdentifyOptions) -> None:
-    """Raise `InputError` unless `setups` is a sequence of set-ups, and `options` are of their class.
-
-    There must be a set-up, an unknown in one of them, and the parameters of each must be made for its structure.
-    """
+def _checked_setups(setups: Iterable[AnySetup], options: IdentifyOptions) -> tuple[AnySetup, ...]:
+    """The set-ups; `InputError` unless they are set-ups that declare an unknown, and `options` are of their class."""
     if isinstance(setups, RecordSetup):
         raise InputError("`setups` must be a list of set-ups, got a single one; write `[setup]`")
+    require_class("setups", setups, Iterable, "give a list of set-ups, one for each record")
+    setups = tuple(setups)
     for number, setup in enumerate(setups):
         require_class(f"setups[{number}]", setup, RecordSetup, "make it by `Setup`, `TimeSetup` or `ModalSetup`")
+        record = setup.record_class
+        for name, kind in (("structure", Structure), ("parameters", Parameters), ("record", record)):
+            require_class(f"setups[{number}].{name}", getattr(setup, name), kind, _MADE_BY[name])
     if not setups:
         raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
     require_class("options", options, IdentifyOptions, "make it as in `IdentifyOptions(band=(5, 100))`")
@@ -212,8 +220,10 @@ def _require_setups(setups: Sequence[AnySetup], options: IdentifyOptions) -> Non
                 f"the parameters of setups[{number}] were made for another structure; make them by"
                 " `parameters(structure, unknowns)` with the structure that is identified"
             )
-    if not any(setup.parameters.names or setup.channel_unknowns for setup in setups):
-        raise InputError("nothing is unknown; give `parameters(structure, unknowns)` at least one `Unknown`")
+    if not any(setup.parameters.names for setup in setups):
+        beside = " beside the errors of channels" if any(setup.channel_unknowns for setup in setups) else ""
+        raise InputError(f"nothing is unknown{beside}; give `parameters(structure, unknowns)` at least one `Unknown`")
+    return setups
 
 
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:

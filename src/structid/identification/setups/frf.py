@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -52,6 +53,8 @@ class Setup(RecordSetup[FrfProblem]):
     calibration : float, optional
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
+
+    record_class: ClassVar = FrfRecord
 
     structure: Structure
     parameters: Parameters

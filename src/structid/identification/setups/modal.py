@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -61,6 +61,8 @@ class ModalSetup(RecordSetup[ModalProblem]):
     channel_unknowns : sequence of ChannelUnknown
         Gains of sensors; one at least keeps its own, as shapes have no scale.
     """
+
+    record_class: ClassVar = ModalRecord
 
     structure: Structure
     parameters: Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -58,8 +58,11 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         Standard deviation of the common gain of its channels, a part; that of the options' tolerances where None.
     channel_unknowns : sequence of ChannelUnknown
         Errors of its sensors and loads that are identified too.
+    record_class : type
+        Class of its record.
     """
 
+    record_class: ClassVar[type]
     structure: Structure
     parameters: Parameters
     record: FrfRecord | TimeRecord | ModalRecord

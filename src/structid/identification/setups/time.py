@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -137,6 +137,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     calibration : float, optional
         Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
+
+    record_class: ClassVar = TimeRecord
 
     structure: Structure
     parameters: Parameters
