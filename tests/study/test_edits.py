@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from structid.core.errors import InputError
-from structid.study.schema.edits import edited, value_of
+from structid.study.schema import edits
+from structid.study.schema.edits import changed_text, edited, value_of
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 STUDIES = ("first_structure", "three_storey_frame", "ambient_storeys", "plate_from_mesh", "motion_of_a_frame")
@@ -187,3 +188,30 @@ def test_a_path_that_leads_nowhere_is_told(edit):
 def test_a_broken_study_is_not_touched():
     with pytest.raises(InputError, match="nothing was changed"):
         edited("a = [1\n", [{"set": ["b"], "to": "1"}])
+
+
+def test_a_change_that_passes_through_no_toml_is_told_by_its_edit(monkeypatch):
+    """An edit may leave no TOML, such as an open list, for the next to read."""
+    honest = edits._edited_once
+
+    def broken(text, edit):
+        return "a = [\n" if edit.get("set") == ["a"] else honest(text, edit)
+
+    def change(content):
+        content["a"], content["b"] = 2, 3
+
+    monkeypatch.setattr(edits, "_edited_once", broken)
+    with pytest.raises(InputError, match="set b: cannot be done as the study is written; edit the study file"):
+        changed_text("a = 1\nb = 2\n", change)
+
+
+def test_a_change_of_what_is_no_toml_is_refused():
+    with pytest.raises(InputError, match="the study is no TOML as it stands, so nothing was changed"):
+        changed_text("a = [", lambda content: None)
+
+
+def test_a_list_of_tables_and_other_values_is_changed_as_a_whole():
+    def change(content):
+        content["q"].append([3])
+
+    assert changed_text("q = [[1, 2], { w = 1 }] # c\n", change) == "q = [[1, 2], { w = 1 }, [3]] # c\n"

@@ -124,7 +124,22 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _after_edit(text: str, edit: Mapping[str, Any]) -> str:
-    """TOML text after one of the edits that `edited` takes; it may be no TOML any more."""
+    """TOML text after one of the edits that `edited` takes; it may be no TOML any more.
+
+    `InputError` if the edit cannot be made, also because an edit before it left no TOML.
+    """
+    try:
+        return _edited_once(text, edit)
+    except InputError:
+        raise
+    except (ValueError, LookupError) as error:
+        action, path = next((key, edit[key]) for key in ("add", "list", "remove", "set") if key in edit)
+        raise InputError(
+            f"{action} {_words(tuple(path))}: cannot be done as the study is written; edit the study file"
+        ) from error
+
+
+def _edited_once(text: str, edit: Mapping[str, Any]) -> str:
     if "add" in edit:
         return _with_entry(text, tuple(edit["add"]), edit["table"])
     if "list" in edit:
@@ -148,9 +163,9 @@ def changed_text(text: str, change: Callable[[dict[str, Any]], None]) -> str:
     Raises
     ------
     InputError
-        If the text is written in a way that has no line for the change, or would be no TOML after it.
+        If the text is not TOML, or is written in a way that has no line for the change.
     """
-    after: Any = parse_toml(text)
+    after: Any = _require_toml(text, "the study is no TOML as it stands")
     entries = list(_numbered_entries(after))  # kept alive: a new table could have the identity of one that is gone
     numbers = {id(entry): number for entry, number in entries}
     change(after)
@@ -185,11 +200,11 @@ def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int,
         for key, value in after.items():
             if key in before:
                 yield from _edits_between((*path, key), before[key], value, numbers)
-            elif isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
+            elif _is_list_of_tables(value):
                 yield from _added_entries((*path, key), value)
             else:
                 yield {"set": [*path, key], "to": _value_text(value)}
-    elif isinstance(before, list) and any(isinstance(entry, dict) for entry in before) and isinstance(after, list):
+    elif isinstance(after, list) and _is_list_of_tables(before) and all(isinstance(entry, dict) for entry in after):
         kept = {numbers[id(entry)]: entry for entry in after if id(entry) in numbers}
         for number, entry in kept.items():
             yield from _edits_between((*path, number), before[number], entry, numbers)
@@ -199,6 +214,10 @@ def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int,
         yield from _added_entries(path, [entry for entry in after if id(entry) not in numbers])
     elif before != after:
         yield {"set": [*path], "to": _value_text(after)}
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
 
 
 def _added_entries(path: KeyPath, entries: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
