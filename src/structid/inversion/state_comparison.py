@@ -304,7 +304,7 @@ def compare_states(
     for argument, state in (("baseline", baseline), ("later", later)):
         if not isinstance(state, Identified):
             raise InputError(
-                f"`{argument}` must be an Estimate, got {type(state).__name__}; of an `Identification` give its `.estimate`"
+                f"`{argument}` must be an estimate, got {type(state).__name__}; of an `Identification` give its `.estimate`"
             )
     require_levels(level, power, correction)
     carried = tuple(carried)
