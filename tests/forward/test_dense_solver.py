@@ -247,3 +247,19 @@ def test_what_does_not_depend_on_priors_starts_or_lines_is_shared():
     again = sid.Structure(structure.nodes, structure.elements, ["0Y"])
     assert response(again, made, record, cache=cache).slopes is not one.slopes
     assert response(structure, made, record).slopes is not one.slopes
+
+
+def test_the_fields_and_amplitudes_last_asked_for_are_kept():
+    """Of three points the one asked for in between stays: a search goes back to its best point."""
+    structure, made, record = column(friction=[(("6Y",), 0.3)], n_lines=5)
+    at = response(structure, made, record)
+    first, second, third = (made.start * factor for factor in (1.0, 1.1, 1.2))
+    solver, sliding = at.solver, at._sliding
+    fields = solver.at(first, at.fixed_coefficients)
+    amplitudes = sliding.at(first)
+    for physical in (second, first, third):
+        solver.at(physical, at.fixed_coefficients)
+        sliding.at(physical)
+    assert solver.at(first, at.fixed_coefficients) is fields
+    assert sliding.at(first) is amplitudes
+    assert len(solver._cache) == len(sliding._cache) == 2

@@ -79,7 +79,7 @@ class Sliding:
         that would lose digits. `physical` (n_params,) are the parameters.
         """
         key = physical.tobytes()
-        cached = self._cache.get(key)
+        cached = self._cache.pop(key, None)
         if cached is None:
             free, reach = self._frictionless_readings(physical)
             n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
@@ -90,7 +90,7 @@ class Sliding:
             cached = coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
             if len(self._cache) > 1:
                 del self._cache[next(iter(self._cache))]
-            self._cache[key] = cached
+        self._cache[key] = cached
         return cached
 
     def add_change(
@@ -114,7 +114,7 @@ class Sliding:
 
     @cached_property
     def _cache(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
-        """The last two answers of `at`, by the parameters."""
+        """The two answers of `at` that were last asked for, by the parameters, the latest last."""
         return {}
 
     @cached_property

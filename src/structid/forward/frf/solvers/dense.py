@@ -77,26 +77,26 @@ class DenseSolver:
     def at(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> DenseFields:
-        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last two are cached.
+        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the two last asked for are cached.
 
         `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
         Z.
         """
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
-        cached = self._cache.get(key)
+        cached = self._cache.pop(key, None)
         if cached is None:
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
             matrices = structure.dense_matrices(self.slopes.matrix_kinds, values)
             cached = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
             if len(self._cache) > 1:
                 del self._cache[next(iter(self._cache))]
-            self._cache[key] = cached
+        self._cache[key] = cached
         return cached[0]
 
     @cached_property
     def _cache(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
-        """The last two fields, by values, Laplace variables and loads, which are kept so that their identity stands."""
+        """The two fields last asked for, the latest last, by values, Laplace variables and identity of the loads, kept too."""
         return {}
 
 
