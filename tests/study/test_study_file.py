@@ -84,6 +84,7 @@ WRONG = [
     ("relative = 0.01", "relative = 0.1\nfrom_coherence = true", "[record.noise]", ["keep one of them"]),
     ("[method]", "[record.frf]\noverlap = 1.5\n[method]", "overlap", ["[record.frf] overlap", "less than 1"]),
     ("band = [0.5, 12.0]", "band = [12.0, 0.5]", "band", ["[method] band", "two increasing numbers"]),
+    ("band = [0.5, 12.0]", "band = [-1.0, 5.0]", "band", ["[method] band", "from 0 Hz or more", "got -1 to 5 Hz"]),
     ("band = [0.5, 12.0]", "band = [12.0]", "band", ["two increasing numbers"]),
     ("band = [0.5, 12.0]", 'residual = "logs"', "residual", ['"log"', '"pole_free"']),
     ("band = [0.5, 12.0]", 'search = "newton"', "search", ["levenberg_marquardt", "gauss_newton"]),

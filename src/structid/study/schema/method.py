@@ -29,12 +29,13 @@ T = TypeVar("T")
 def read_method(section: Section | None) -> IdentifyOptions:
     """The options that the section ``[method]`` states; the defaults if `section` is None.
 
-    `StudyError` if a key does not belong to the chosen `search`.
+    `StudyError` if a key does not belong to the chosen `search`, or the options cannot be used.
     """
     if section is None:
         return IdentifyOptions()
     values = section.values(method_table())
-    options = _make_options(IdentifyOptions, values, values.pop("search", None))
+    with section.located():
+        options = _make_options(IdentifyOptions, values, values.pop("search", None))
     for name in values:
         raise section.error("is none of this `search`; leave it out, or choose another search", name)
     return options
