@@ -166,17 +166,23 @@ def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools
         modified = base.modified.changed(*change)
         target, theta = modified.coarse.target, modified.theta_of(base.values)
         n_data, is_comparable = target.n_data, target.n_data == base.modified.coarse.target.n_data
-        if is_comparable and target.names == base.modified.target.names:
+        is_alike = is_comparable and target.names == base.modified.target.names
+        if is_alike and not change[0].is_screened_at_start:
             difference = np.linalg.norm(target.residual(theta)[:n_data] - linearized.residual[:n_data])
             if 2 * difference < LEAST_DROP * np.sqrt(linearized.misfit):
                 return {"left": np.inf}
-        starts = [theta, *([target.theta_start] if change[0].is_screened_at_start else [])]
-        METER.add(len(starts) * iteration_effort(target))
-        linearizations = [target.linearize(np.asarray(start)) for start in starts]
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
-    left = []
-    for at in linearizations:
+    starts = [np.asarray(theta)]
+    if change[0].is_screened_at_start and not np.array_equal(theta, target.theta_start):
+        starts.append(np.asarray(target.theta_start))
+    left = [np.inf]
+    for start in starts:
+        METER.add(iteration_effort(target))
+        try:
+            at = target.linearize(start)
+        except (StructidError, np.linalg.LinAlgError):
+            continue
         directions = linearized.directions if is_comparable else np.zeros((n_data, 0))
         directions = np.pad(directions, ((0, len(at.residual) - n_data), (0, 0)))
         augmented = np.column_stack([at.jacobian, directions, at.residual])
