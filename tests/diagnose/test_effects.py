@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from frame_cases import FREQUENCY, STUDY, shaken, written, written_histories, written_shaken, written_with_machine
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from structid import Beam, FrfRecord, PointMass, RigidLink, RotaryInertia, Spring, Structure, Unknown, parameters
 from structid.core.errors import StructidError
@@ -12,10 +13,11 @@ from structid.diagnose.causes import CAUSES, OF_DATA, OF_RESIDUAL, OF_SETS, cand
 from structid.diagnose.causes.appendage import Appendage
 from structid.diagnose.causes.polarity import LoadPolarity, SensorPolarity
 from structid.diagnose.causes.swap import SwappedSensors
+from structid.diagnose.effects import direction_of, effect_of_addition
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.receptances import receptances_at
 from structid.diagnose.refits import FittedModel
-from structid.diagnose.score_test import point_at
+from structid.diagnose.score_test import _CandidateScreening, point_at
 from structid.diagnose.search import _simpler
 from structid.diagnose.study_tables import NoStudyTextError
 from structid.diagnose.tested_model import TestedModel
@@ -484,6 +486,59 @@ def test_places_that_move_alike_are_looked_at_once(trial):
     looks.clear()
     point.screened([one, replace(one, shared=False)])
     assert sum(looks) == 2 * n_alone
+
+
+def test_each_effect_has_one_slice_per_strength_and_is_screened_alone_as_with_others(trial):
+    """Of every kind some candidates, those of one strength too, in an order that mixes kinds."""
+    point = point_at([trial.views[0].problem], trial.views[0].problem.theta_start + 0.01)
+    [fields] = point.records
+    chosen = {}
+    for one in point.candidates([""]):
+        assert one.effect(fields, one.strengths[:3]).shape == (len(one.strengths[:3]), *fields.frf.shape), one.kind
+        chosen.setdefault((one.kind, len(chosen) % 2), one)
+    several = list(chosen.values())[::-1]
+    together = point.screened(several)
+    for one, found in zip(several, together, strict=True):
+        [alone] = point.screened([one])
+        assert alone.strength == pytest.approx(found.strength, rel=1e-6), (one.kind, one.where)
+        assert alone.left == pytest.approx(found.left, rel=1e-9), (one.kind, one.where)
+
+
+def test_screening_takes_one_thread_of_blas(trial):
+    """Products of its size lose time to more."""
+    _, chosen = some_candidates(trial)
+    spring = next(one for one in chosen if one.kind == "spring")
+    threads = set()
+
+    @dataclass(frozen=True, eq=False, kw_only=True)
+    class Watched(type(spring)):
+        def effect(self, receptances, strengths):
+            threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+            return spring.effect(receptances, strengths)
+
+    point = point_at([trial.views[0].problem], trial.views[0].problem.theta_start)
+    watched = [Watched(where=spring.where, strengths=spring.strengths)]
+    with threadpool_limits(2, user_api="blas"):
+        point.screened(watched)
+        point.requested(watched)
+    assert threads == {1}
+
+
+def test_unit_responses_of_the_directions_last_asked_for_are_kept(trial, monkeypatch):
+    monkeypatch.setattr("structid.diagnose.effects._MOST_UNIT_RESPONSES", 2)
+    fields, _ = some_candidates(trial)
+    first, second, third = (direction_of((dof, 1.0)) for dof in list(fields.columns)[:3])
+    for direction in (first, second, first, third):
+        effect_of_addition(fields, direction, np.ones(len(fields.laplace)), np.ones(1))
+    assert [codes for codes, _ in fields.unit_responses] == [one.codes.tobytes() for one in (first, third)]
+
+
+def test_strengths_that_leave_as_little_but_for_rounding_give_the_first(trial):
+    _, chosen = some_candidates(trial)
+    for left in ([3.0, 2.0, 2.0 - 4e-16], [3.0, 2.0, 2.0 + 4e-16]):
+        assert _CandidateScreening(np.array([1.0, 2.0, 3.0]), np.array(left), 0.0, 0.0).best(chosen[0]).strength == 2.0
+    ruled_out = _CandidateScreening(np.array([1.0, 2.0]), np.array([np.inf, np.inf]), 0.0, 0.0).best(chosen[0])
+    assert (ruled_out.strength, ruled_out.left) == (1.0, np.inf)
 
 
 def test_edits_of_a_model_are_those_written_into_its_study(trial):

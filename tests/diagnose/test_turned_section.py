@@ -6,11 +6,11 @@ from test_each_cause import begun, require_explained
 from test_kindred_causes import SPACE, written_in_space
 
 import structid as sid
-from structid.core.errors import InputError
+from structid.core.errors import InputError, SingularModelError
 from structid.diagnose.causes.turned_section import TurnedSection, turned_orientation
-from structid.diagnose.set_screening import screen_sets
+from structid.diagnose.set_screening import _screen_change, linearize_fit, screen_sets
 from structid.diagnose.tested_model import TestedModel
-from structid.inversion.search.work import SERIAL
+from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 
 #: The girder with its flat side down: local y up, in place of across.
 TURNED = SPACE.replace('name = "girder"', 'name = "girder"\norientation = [0.0, 0.0, 1.0]')
@@ -137,3 +137,35 @@ def test_all_sets_are_turned_together_and_what_cannot_be_turned_is_told():
     assert [(edit.name, edit.value) for edit in together] == [("legs", [1.0, 0.0, 1.0]), ("arm", [1.0, 0.0, 0.0])]
     with pytest.raises(InputError, match="'rods' has no beams in space that one `orientation` turns; put"):
         TurnedSection(where=("rods",)).edits(model, 1.0)
+
+
+def test_each_start_of_a_screen_counts_by_itself(tmp_path, monkeypatch):
+    """One that fails leaves the other, equal ones are one, and what changes nothing at the fit is seen from the start."""
+    base = begun(written_in_space(tmp_path, TURNED))
+    far = type(base)(base.modified, base.theta + np.log([1.2, 0.8]), base.chi_square)
+    target, seen, broken = type(base.modified.coarse.target), [], []
+    honest, turned = target.linearize, TurnedSection(where=("girder",))
+
+    def linearized(problem, theta, *arguments):
+        seen.append(np.array(theta))
+        if any(np.array_equal(theta, one) for one in broken):
+            raise SingularModelError("no step from here")
+        return honest(problem, theta, *arguments)
+
+    def screened(fit, candidate):
+        at = linearize_fit(fit)
+        seen.clear()
+        return _screen_change(at, (candidate, 1.0), PLAIN_CONTEXT)["left"]
+
+    monkeypatch.setattr(target, "linearize", linearized)
+    assert np.isfinite(screened(base, turned))
+    assert len(seen) == 1
+    both = screened(far, turned)
+    fitted, start = seen
+    broken[:] = [start]
+    from_fit = screened(far, turned)
+    assert both < from_fit < np.inf
+    monkeypatch.setattr(TurnedSection, "edits", lambda *arguments: [])
+    broken.clear()
+    assert np.isfinite(screened(far, turned))
+    assert [one.tolist() for one in seen] == [fitted.tolist(), start.tolist()]

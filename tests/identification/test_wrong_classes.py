@@ -61,7 +61,10 @@ def setup_of(**more):
         (None, "`setups` must be of class Iterable, got NoneType; give a list of set-ups"),
         (5, "`setups` must be of class Iterable, got int; give a list of set-ups"),
         ((one for one in [5]), "`setups[0]` must be of class RecordSetup, got int; make it by `Setup`"),
-        ([setup_of(parameters=[MASS])], "`setups[0].parameters` must be of class Parameters, got list; make it by `par"),
+        (
+            [setup_of(parameters=[MASS])],
+            "`setups[0].parameters` must be of class Parameters, got list; make it by `par",
+        ),
         ([setup_of(record="x")], "`setups[0].record` must be of class FrfRecord, got str; make it by `read_record`"),
         (
             [setup_of(parameters=sid.parameters(CANTILEVER, []), channel_unknowns=[sid.ChannelUnknown("gain", "2Y")])],

@@ -17,6 +17,8 @@ from structid.core.dof import Dof
 from structid.diagnose.receptances import Receptances
 from structid.fem.elements.element import dof_code
 
+#: Directions whose unit responses are kept.
+_MOST_UNIT_RESPONSES = 64
 _STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 
@@ -95,15 +97,19 @@ def effect_of_addition(
 
 
 def _unit_response(receptances: Receptances, directions: Directions) -> tuple[ComplexArray, ComplexArray]:
-    """Response -(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), for one direction D.
+    """-(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), of one direction.
 
-    D'x, D'y and G are those of `Directions.projected`. Results are cached in `receptances`.
+    Those of the directions last asked for are kept: local resonances ask at each frequency.
     """
     key = directions.codes.tobytes(), directions.weights.tobytes()
-    known = receptances.unit_responses.get(key)
+    cache = receptances.unit_responses
+    known = cache.pop(key, None)
     if known is None:
         x, y, g = directions.projected(receptances)
-        known = receptances.unit_responses[key] = -np.swapaxes(y, 1, 2) * x * receptances.factor, g[:, 0, 0]
+        known = -np.swapaxes(y, 1, 2) * x * receptances.factor, g[:, 0, 0]
+        if len(cache) == _MOST_UNIT_RESPONSES:
+            del cache[next(iter(cache))]
+    cache[key] = known
     return known
 
 

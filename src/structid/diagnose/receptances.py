@@ -250,7 +250,7 @@ class Receptances:
 
     @cached_property
     def unit_responses(self) -> dict[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
-        """Cache of responses to parts in one direction, and its flexibility: local resonances ask at each frequency."""
+        """Responses of parts of unit stiffness in the directions last asked for, the latest last."""
         return {}
 
     def reached(self, codes: IntArray) -> FloatArray:

@@ -25,6 +25,8 @@ from structid.inversion import JointProblem
 from structid.inversion.search.within_tolerances import FixedValues
 
 _SMALL = 1e-4
+#: Part of the misfit by which strengths that leave equally little may differ by rounding.
+_TIED = 1e-9
 #: Columns of residuals from which on candidates are not computed together with further ones: arrays stay near the processor.
 _COLUMNS = 48
 
@@ -58,7 +60,7 @@ class _CandidateScreening(NamedTuple):
     promised: float
 
     def best(self, candidate: Candidate) -> Screened:
-        k = int(np.argmin(self.left))
+        k = int(np.argmax(self.left <= self.left.min() * (1 + _TIED)))  # the first of those that leave as little
         return Screened(candidate, float(self.strengths[k]), float(self.left[k]))
 
 

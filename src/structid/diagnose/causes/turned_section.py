@@ -56,7 +56,10 @@ class TurnedSection(Candidate):
         for name in self.where:
             guide = turned.get(name)
             if guide is None:
-                raise InputError(f"{name!r} has no beams in space that one `orientation` turns; put beams along other directions in sets of their own")
+                raise InputError(
+                    f"{name!r} has no beams in space that one `orientation` turns; put beams along other directions in sets of"
+                    " their own"
+                )
             edits.append(SetProperty(name, "orientation", guide))
         return edits
 
@@ -76,7 +79,9 @@ def _makes_a_difference(element: SpaceBeam, structure: Structure, parameters: Pa
 
     It may where parameters without priors change both stiffnesses in the same way, each by its own.
     """
-    y, z = (_columns(element.name, name, structure, parameters) for name in ("bending_stiffness_y", "bending_stiffness_z"))
+    y, z = (
+        _columns(element.name, name, structure, parameters) for name in ("bending_stiffness_y", "bending_stiffness_z")
+    )
     used_y, used_z = y.any(axis=0), z.any(axis=0)
     is_held = (parameters.priors.stated & (used_y | used_z)).any() or bool(parameters.couplings)
     if used_y.any() and used_z.any() and not (used_y & used_z).any() and not is_held:
@@ -89,7 +94,7 @@ def _makes_a_difference(element: SpaceBeam, structure: Structure, parameters: Pa
 
 
 def _columns(element: str, name: str, structure: Structure, parameters: Parameters) -> FloatArray:
-    """How the parameters make up a property of the element set, (n_elements, n_params)."""
+    """Part of each parameter in the values of a property of the element set, (n_elements, n_params)."""
     item = next(one for one in structure.properties if (one.element, one.term.property) == (element, name))
     return np.asarray(parameters.design.tocsr()[item.values].toarray())
 
