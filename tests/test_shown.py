@@ -69,7 +69,7 @@ def test_comparisons_and_modes_of_a_file_are_printed_as_tables(tmp_path):
     assert str(compared).splitlines()[0] == compared.words == "no parameter changed (joint risk 5 %)"
     assert [line.split("  ")[0] for line in str(compared).splitlines()[2:]] == list(compared.names)
     assert "array(" not in repr(compared)
-    with pytest.raises(sid.InputError, match=r"`later` must be an Estimate, got Identification; .* `.estimate`"):
+    with pytest.raises(sid.InputError, match=r"`later` must be an estimate, got Identification; .* `.estimate`"):
         sid.compare_states(found.estimate, found)
     t = np.arange(600)[:, None] * 0.02
     decay = np.exp(-0.1 * t) * (np.cos(20 * t) * [[1.0, 1.0]] + np.cos(50 * t) * [[1.0, -1.0]])
