@@ -114,6 +114,9 @@ def test_estimates_show_values_and_name_what_there_is():
     assert value.value == pytest.approx(900, rel=0.02)
     with pytest.raises(KeyError, match=r"no parameter 'mass'; there are stiffness\[columns <b>:1\], "):
         told["mass"]
+    for named in (found, told):
+        assert ("stiffness[columns <b>:2]" in named, "mass" in named, 0 in named) == (True, False, False)
+        assert list(named) == ["stiffness[columns <b>:1]", "stiffness[columns <b>:2]"]
     assert "stiffness[columns <b>:2]" in told.summary()
 
 

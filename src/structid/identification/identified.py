@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -145,6 +146,14 @@ class Identification(Shown, IdentificationPlots):
     options: IdentifyOptions | None = None
     alternatives: Alternatives | None = None
     mesh: str = ""
+
+    def __contains__(self, name: object) -> bool:
+        """True if there is a parameter of that name."""
+        return name in self.estimate
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the parameters, as iterating over a dictionary gives its keys."""
+        return iter(self.estimate)
 
     def __getitem__(self, name: str) -> Value:
         """Value and standard deviation of one parameter, such as ``fit["mass[beam]"]``; see `Estimate`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -426,6 +426,14 @@ class Estimate(Shown):
         found[:, absent] = np.maximum(self.values + slope * (theta - self.theta), 0.0)[:, absent]
         return found[None]
 
+    def __contains__(self, name: object) -> bool:
+        """True if there is a parameter of that name."""
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the parameters, as iterating over a dictionary gives its keys."""
+        return iter(self.names)
+
     def __getitem__(self, name: str) -> Value:
         """Value and standard deviation of one parameter.
 
@@ -434,7 +442,7 @@ class Estimate(Shown):
         MissingNameError
             If there is none of that name; with the nearest names, then the first that there are. It is a `KeyError` too.
         """
-        if name not in self.names:
+        if name not in self:
             likely = names_like(str(name), self.names)
             nearest = f"did you mean {' or '.join(map(repr, likely))}? " if likely else ""
             raise MissingNameError(f"no parameter {name!r}; {nearest}there are {join_words(self.names)}")
