@@ -143,6 +143,9 @@ def test_a_record_in_the_place_of_a_study_is_told_where_records_are_named(tmp_pa
     (tmp_path / "hammer.csv").write_text("Frequency [Hz],1Y/2Y re\n1,2\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"hammer.csv: is no study.*`structid init`.*`path` of \[record\]"):
         load_study(tmp_path / "hammer.csv")
+    (tmp_path / "study.txt").write_text("[ structure ]\nnodes = \n", encoding="utf-8")  # TOML allows the blanks
+    with pytest.raises(InputError, match=r"study.txt, line 2.*: not TOML"):
+        load_study(tmp_path / "study.txt")
 
 
 def test_a_file_of_other_bytes_is_refused_with_its_line(tmp_path):

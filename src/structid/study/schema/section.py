@@ -349,7 +349,7 @@ def read_study_text(path: str | Path) -> StudyText:
         line = int(position[1]) if position and position[1] else text.rstrip().count("\n") + 1
         column = f", column {position[2]}" if position and position[2] else ""
         message = re.sub(r" \(at .*\)$", "", str(error))
-        if path.suffix.lower() != ".toml" and "[structure" not in text:
+        if path.suffix.lower() != ".toml" and "structure" not in text:
             raise FileError(
                 f"{path}: is no study, which is a text file in TOML; `structid init` writes one, and a record is named in it"
                 " as `path` of [record]"
