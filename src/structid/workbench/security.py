@@ -20,6 +20,8 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
+#: Seconds for the next part of the body of a request.
+BODY_SECONDS = 30.0
 #: Of a request that is no upload, and of an upload, bytes.
 MOST_REQUEST, MOST_UPLOAD = 2_000_000, 4_000_000_000
 _METHODS = ("GET", "HEAD", "POST", "PUT")
@@ -40,10 +42,6 @@ _ALWAYS = {
     "x-dns-prefetch-control": "off",
 }
 _WITHOUT_TOKEN = "The address lacks the token: open the whole address that `structid app` printed in the terminal."
-
-
-#: Seconds for the headers of a request, and for the next part of its body.
-HEADER_SECONDS, BODY_SECONDS = 10.0, 30.0
 
 
 @dataclass(frozen=True)
@@ -212,6 +210,10 @@ async def _answer(send: Send, status: int, text: str) -> None:
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
+
+
+#: Seconds for the headers of a request.
+HEADER_SECONDS = 10.0
 
 
 class DeadlineProtocol(H11Protocol):
