@@ -36,7 +36,8 @@ export async function responses(box, app) {
     await draw();
   };
   const draw = async () => {
-    const traces = [...shown].sort((a, b) => a - b).flatMap((k, row) => pairTraces(told, frequency, k, row, model));
+    const drawn = over.checked ? model : null,
+      traces = [...shown].sort((a, b) => a - b).flatMap((k, row) => pairTraces(told, frequency, k, row, drawn));
     place.style.height = "620px";
     await chart(place, traces, {...layoutOf(told, frequency, drag.value), again: () => draw()});
     listenToDragging(place, app, told, drag, set);
