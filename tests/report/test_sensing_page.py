@@ -9,8 +9,8 @@ from structid.prediction.virtual_sensing import LeftOutSensor, SensedMotion
 from structid.report.sensing import sensing_page
 
 
-def sensed(contradiction=""):
-    time = np.arange(40) / 10.0
+def sensed(contradiction="", n=40):
+    time = np.arange(n) / 10.0
     value, std = np.sin(time), 0.1 + 0.01 * time
     one, two = parse_dofs(["1X", "2X"])
     left = LeftOutSensor(two, "acceleration", value + std, value, std)
@@ -36,6 +36,23 @@ def test_bands_are_95_percent_of_the_stated_deviations():
         np.testing.assert_allclose(as_array(area["y"])[: len(value)], value + 1.96 * std, rtol=1e-5)
     measured = drawn["sensed_left_out"][0]["data"][2]
     np.testing.assert_allclose(as_array(measured["y"]), motion.left_out[0].measured, rtol=1e-5)
+
+
+def test_a_long_history_is_drawn_by_the_extremes_of_bins():
+    motion = sensed(n=9000)
+    page = sensing_page(motion, "Mast", "wind.h5").text
+    assert "Samples are drawn by minimum and maximum of short bins." in page
+    assert "of short bins" not in sensing_page(sensed(), "Mast", "wind.h5").text
+    [panel] = figures(page)["sensed_left_out"]
+    area, curve, measured = (as_array(trace["y"]) for trace in panel["data"])
+    for drawn, value in ((curve, motion.left_out[0].sensed), (measured, motion.left_out[0].measured)):
+        bins = value.reshape(1500, 6)
+        np.testing.assert_allclose(drawn, np.column_stack([bins.min(axis=1), bins.max(axis=1)]).ravel(), rtol=1e-5)
+    high, low = area[:3000], area[3000:6000][::-1]
+    assert ((low < curve) & (curve < high)).all()
+    left = motion.left_out[0]
+    top, bottom = left.sensed + 1.96 * left.std, left.sensed - 1.96 * left.std
+    np.testing.assert_allclose((high.max(), low.min()), (top.max(), bottom.min()), rtol=1e-5)
 
 
 def test_a_contradicted_model_is_told_first():

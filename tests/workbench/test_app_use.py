@@ -101,12 +101,19 @@ def test_a_prediction_has_the_band_around_the_value(folder):
 def test_a_history_under_a_file_of_loads_has_its_band_and_its_largest_value(folder):
     force = np.sin(np.arange(9000) / 15.0)[:, None]
     sid.write_record(folder / "push.h5", sid.TimeRecord(200.0, force, ["3X"], ["force"]))
-    options = {"sensor": "2X", "load": "3X", "band": [1, 10], "history": "push.h5", "motion": "displacement"}
+    options = {"sensor": "2X,1X", "load": "3X", "band": [1, 10], "history": "push.h5", "motion": "displacement"}
     told = ask(folder, "predict", results="chain_results", options=options, changes=[])
     model = stored_model(folder / "chain_results", stored_study(folder / "chain_results"))
     exact = sid.predict(model, sid.History(["2X"], ["3X"], force, 200.0, "displacement"), n_draws=50).values[:, 0]
     low, value, high = (curve(told["history"]["parts"]["value"][key]) for key in ("low", "value", "high"))
-    np.testing.assert_allclose(value, exact[::3], rtol=1e-5, atol=1e-9)  # one sample in three of 9000 is drawn
+    bins = exact.reshape(1800, 5)  # of 9000 samples, drawn with 4000 points at most
+    np.testing.assert_allclose(value[::2], bins.min(axis=1), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(value[1::2], bins.max(axis=1), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        np.frombuffer(base64.b64decode(told["history"]["time"])), np.repeat(np.arange(0, 9000, 5) / 200.0, 2)
+    )
+    assert (told["history"]["output"], told["history"]["thinned"]) == ("2X+", True)
+    assert (told["frf"]["output"], told["frf"]["input"]) == ("2X+", "3X+")
     assert ((low <= value) & (value <= high)).mean() > 0.95
     largest, least, most = told["history"]["largest"]["value"]
     assert largest == pytest.approx(np.abs(exact).max())
@@ -115,6 +122,11 @@ def test_a_history_under_a_file_of_loads_has_its_band_and_its_largest_value(fold
     assert "frf" in told
     options |= {"history": "../push.h5"}
     assert "error" in ask(folder, "predict", results="chain_results", options=options, changes=[])
+
+
+def test_without_a_load_the_response_is_to_the_first_of_the_record(folder):
+    told = ask(folder, "predict", results="chain_results", options={"sensor": "2X", "band": [1, 10]}, changes=[])
+    assert (told["frf"]["output"], told["frf"]["input"]) == ("2X+", "3X+")
 
 
 def test_changes_are_compared_with_the_model_as_it_is(folder):
@@ -262,9 +274,11 @@ def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
         shown(page, screens, "31_predicted")
         accessible(page, "predicted")
         page.get_by_label("Loads of the file").select_option("push.csv")
+        page.get_by_label("Sensor, force or strain").fill("5Y, 3Y")
         page.get_by_role("button", name="Predict").click()
         page.locator("#predicted-history .main-svg").first.wait_for()
         page.get_by_text("Under loads of push.csv").wait_for()
+        page.get_by_role("heading", name="Motion at 5Y+ over time").wait_for()
         shown(page, screens, "31_predicted_history")
         accessible(page, "predicted history")
         page.get_by_label("Sensor, force or strain").fill("2Y")
@@ -279,6 +293,7 @@ def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
         page.get_by_role("button", name="Predict").click()
         page.get_by_text("Modes before and after: ").wait_for()
         page.get_by_text("no sensor of the record is there").wait_for()
+        page.get_by_role("cell", name="change", exact=True).wait_for()
         page.locator("#predicted-frf .main-svg").first.wait_for()
         shown(page, screens, "32_what_if")
         accessible(page, "what if")

@@ -1,4 +1,4 @@
-"""Array hygiene: locked copies, shape checks, and complex numbers stacked as real ones."""
+"""Array hygiene: locked copies, shape checks, complex numbers stacked as real ones, and long histories by their extremes."""
 
 from __future__ import annotations
 
@@ -59,6 +59,39 @@ def require_finite(name: str, array: AnyArray, hint: str = "remove or repair the
 def evenly_spaced_indices(n: int, most: int) -> IntArray:
     """Indices from 0 to n - 1, evenly spaced and increasing: at most `most` of them, all n where n is smaller."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
+def bin_extremes(values: FloatArray, most: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Minimum and maximum (..., n_bins) of bins of `values` (..., n), and the first sample of each bin.
+
+    There are at most `most` bins of equal length, of which the last may be shorter.
+    """
+    step = max(1, -(-values.shape[-1] // most))
+    starts = np.arange(0, values.shape[-1], step)
+    return np.minimum.reduceat(values, starts, axis=-1), np.maximum.reduceat(values, starts, axis=-1), starts
+
+
+def thin_curve(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+    """At most `most` points of the curve `y` over `x`, (n,) each: minimum and maximum of each bin, at its first x.
+
+    A curve of no more points stays as it is.
+    """
+    if len(x) <= most:
+        return x, y
+    low, high, starts = bin_extremes(y, most // 2)
+    return np.repeat(x[starts], 2), np.column_stack([low, high]).ravel()
+
+
+def thin_band(x: FloatArray, low: FloatArray, high: FloatArray, most: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """At most `most` points of the band from `low` to `high` over `x`, (n,) each: minimum of `low` and maximum of `high` by bins.
+
+    The points have the x of `thin_curve`. A band of no more points stays as it is.
+    """
+    if len(x) <= most:
+        return x, low, high
+    least, _, starts = bin_extremes(low, most // 2)
+    _, largest, _ = bin_extremes(high, most // 2)
+    return np.repeat(x[starts], 2), np.repeat(least, 2), np.repeat(largest, 2)
 
 
 def stack_real(values: NumberArray) -> FloatArray:

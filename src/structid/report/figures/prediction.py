@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, thin_band, thin_curve
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.prediction.quantities import Frf, History
 from structid.report.drawing import palette
 from structid.report.rendering import plot
 
-#: Points of a curve at most; a history beyond them is drawn by the extremes of its stretches.
+#: Points of a curve at most; a history beyond them is drawn by the extremes of bins.
 MOST_POINTS = 3000
 #: Panels that a picture shows.
 _MOST_PANELS = 9
@@ -53,29 +53,29 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted time histories with 95 % bands, one sensor at a time; of a change, before and after it.
 
-    At most `MOST_POINTS` samples of a history are drawn, evenly spaced.
+    A history of more than `MOST_POINTS` samples is drawn by minimum and maximum of bins.
     """
     parts = _shown(prediction)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
     time = np.asarray(axes["time"], dtype=float)
-    stride = max(1, -(-len(time) // MOST_POINTS))
     panels, units = [], first.quantity.units
     motion = first.quantity.motion if isinstance(first.quantity, History) else "motion"
     for o, output in enumerate(axes["output"]):
         traces: list[plot.Trace] = []
         for label, colour, part in _coloured(parts):
-            x, low, high, value = (
-                each[::stride] for each in (time, part.low[:, o], part.high[:, o], part.values[:, o].real)
-            )
-            traces.append(band(x, low, high, colour, label))
+            traces.append(band(*thin_band(time, part.low[:, o], part.high[:, o], MOST_POINTS), colour, label))
+            x, value = thin_curve(time, part.values[:, o].real, MOST_POINTS)
             traces.append(plot.Curve(x, value, plot.Pen(colour, 1.4, _dash(label)), label=label, hover=plot.NUMBERS))
         y = plot.Axis(str(output) if "[" in str(output) else motion, units[o])
         panels.append(plot.panel(plot.Axis("time", "s"), y, *traces, title=str(output)))
-    note = f" One sample in {stride} is drawn." if stride > 1 else ""
-    return one_at_a_time(
-        panels, "Sensor", f"The shaded band holds the true value at each instant with a probability of 95 %.{note}"
-    )
+    caption = "The shaded band holds the true value at each instant with a probability of 95 %."
+    return one_at_a_time(panels, "Sensor", caption + thinning_clause(time))
+
+
+def thinning_clause(time: FloatArray) -> str:
+    """Sentence of a caption on how a history over `time` is drawn; "" where all of its samples are."""
+    return " Samples are drawn by minimum and maximum of short bins." if len(time) > MOST_POINTS else ""
 
 
 def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, thin_band, thin_curve
 from structid.prediction.recovery import output_unit
 from structid.prediction.virtual_sensing import SensedMotion
 from structid.records.record import QUANTITY_UNITS
 from structid.report.drawing import palette
-from structid.report.figures.prediction import MOST_POINTS, band, one_at_a_time
+from structid.report.figures.prediction import MOST_POINTS, band, one_at_a_time, thinning_clause
 from structid.report.rendering import plot
 
 #: Half-width of a 95 % band in standard deviations.
@@ -30,10 +30,8 @@ def left_out_figure(sensed: SensedMotion) -> plot.Figure:
     panels = []
     for sensor in sensed.left_out:
         y = plot.Axis(sensor.motion, QUANTITY_UNITS[sensor.motion][0])
-        stride = _stride(sensed.time)
         measured = plot.Curve(
-            sensed.time[::stride],
-            sensor.measured[::stride],
+            *thin_curve(sensed.time, sensor.measured, MOST_POINTS),
             plot.Pen(palette.INK, 1.2, "dot"),
             label="measured",
             hover=plot.NUMBERS,
@@ -58,30 +56,23 @@ def _panel(
     time: FloatArray, value: FloatArray, std: FloatArray, y: plot.Axis, title: str, colour: str, *others: plot.Trace
 ) -> plot.Panel:
     """Panel of a sensed history `value` (n_times,) with its 95 % band in `colour`, and the curves `others` above it."""
-    stride = _stride(time)
-    x, middle, half = time[::stride], value[::stride], _BAND * std[::stride]
+    half = _BAND * std
     return plot.panel(
         plot.Axis("time", "s"),
         y,
-        band(x, middle - half, middle + half, colour, "sensed"),
-        plot.Curve(x, middle, plot.Pen(colour, 1.4), label="sensed", hover=plot.NUMBERS),
+        band(*thin_band(time, value - half, value + half, MOST_POINTS), colour, "sensed"),
+        plot.Curve(*thin_curve(time, value, MOST_POINTS), plot.Pen(colour, 1.4), label="sensed", hover=plot.NUMBERS),
         *others,
         title=title,
     )
 
 
-def _stride(time: FloatArray) -> int:
-    """Step between the samples that are drawn, so that a history over `time` has at most `MOST_POINTS` of them."""
-    return max(1, -(-len(time) // MOST_POINTS))
-
-
 def _caption(what: str, sensed: SensedMotion) -> str:
-    """Caption on the band and on samples that are not drawn; `what` is the word for what the band holds.
+    """Caption on the band and on how long histories are drawn; `what` is the word for what the band holds.
 
     Where the model does not explain the record, it says that the band would hold the truth if the model were right.
     """
-    stride = _stride(sensed.time)
-    drawn = f" One sample in {stride} is drawn." if stride > 1 else ""
+    drawn = thinning_clause(sensed.time)
     if not sensed.is_explained:
         return f"The shaded band would hold the true {what} with a probability of 95 % if the model were right.{drawn}"
     return f"The shaded band holds the true {what} at each instant with a probability of 95 %.{drawn}"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, bin_extremes
 from structid.core.dof import Dof
 from structid.core.errors import FileError, InputError, StructidError
 from structid.core.json_types import StoredEntry
@@ -181,9 +181,8 @@ def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tupl
     """
     parts = [np.asarray(part) for part in record.chunks(begin, end)]
     values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    step = max(1, -(-values.shape[1] // n_most))
-    starts = np.arange(0, values.shape[1], step)
-    return np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1), begin + starts
+    low, high, starts = bin_extremes(values, n_most)
+    return low, high, begin + starts
 
 
 def _overview_bins(

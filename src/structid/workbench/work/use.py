@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.core.arrays import FloatArray, thin_band, thin_curve
 from structid.core.constraints import split_commas
 from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
@@ -31,8 +32,8 @@ from structid.workbench.work.scene import packed
 _MOST_NAMES = 1500
 #: Sampled models behind a 95 % band, lines of a predicted FRF, and modes.
 _DRAWS, _LINES, _MODES = 200, 400, 8
-#: Samples of a predicted history that are drawn, at most.
-_MOST_SAMPLES = 4000
+#: Points of a predicted history that are drawn, at most; a longer one is drawn by the extremes of bins.
+_MOST_POINTS = 4000
 #: Texts of the measured FRFs in estimate.h5.
 _MEASURED = ("outputs", "inputs", "kind")
 #: Kind of the change that seeks frequency and damping of a tuned mass damper itself.
@@ -142,10 +143,11 @@ def predict_use(
 ) -> dict[str, StoredEntry]:
     """Predicted modes, and the FRF from one load to one sensor with its 95 % interval, before and after changes.
 
-    The answer holds ``changes``, ``bands`` and ``modes`` of `prediction_summary` and, if an FRF was predicted, ``frf``: packed
-    frequency (Hz), ``unit``, ``kind``, the supports that ``moved``, and curves before and after. Under the loads of a file there
-    is ``history``: packed ``time`` (s), ``unit``, the loads in ``words``, curves, and the ``largest`` value with its 95 % interval,
-    before and after.
+    The answer holds ``changes``, ``bands`` and ``modes`` of `prediction_summary` and, if an FRF was predicted, ``frf`` of the
+    first sensor and load, ``output`` and ``input``: packed frequency (Hz), ``unit``, ``kind``, the supports that ``moved``, and
+    curves before and after. Under the loads of a file there is ``history`` of the first sensor, ``output``: packed ``time`` (s),
+    ``unit``, the loads in ``words``, curves before and after, which are ``thinned`` to minimum and maximum of bins if they are
+    long, and the ``largest`` value with its 95 % interval, before, after, and the difference.
 
     Parameters
     ----------
@@ -162,7 +164,8 @@ def predict_use(
     """
     tuned = [table for table in changes if table.get("kind") == _TUNE]
     source, load = stored_study(folder), str(options.get("load") or "")
-    moves_support = any(is_support(source.structure, dof) for dof in parse_dofs(split_commas(load)))
+    load_dofs = parse_dofs(split_commas(load))
+    moves_support = any(is_support(source.structure, dof) for dof in load_dofs)
     asked = PredictOptions(
         sensors=str(options.get("sensor") or ""),
         loads=load,
@@ -187,6 +190,8 @@ def predict_use(
             raise TypeError(f"an FRF is of the quantity Frf, got {type(quantity).__name__}")
         moved = [dof.place for each in quantity.inputs if isinstance(each, Base) for dof in each.supports]
         answer["frf"] = {
+            "output": str(quantity.axes["output"][0]),
+            "input": str(load_dofs[0] if load_dofs else quantity.axes["input"][0]),
             "frequency": packed(np.asarray(quantity.axes["frequency"], dtype=float), np.float64),
             "unit": quantity.unit,
             "kind": quantity.kind,
@@ -197,12 +202,13 @@ def predict_use(
         parts, maxima = parts_of(predicted.history), parts_of(predicted.maxima)
         quantity = next(iter(parts.values())).quantity
         time = np.asarray(quantity.axes["time"], dtype=float)
-        stride = max(1, -(-len(time) // _MOST_SAMPLES))
         answer["history"] = {
-            "time": packed(time[::stride], np.float64),
+            "output": str(quantity.axes["output"][0]),
+            "time": packed(thin_curve(time, time, _MOST_POINTS)[0], np.float64),
             "unit": quantity.units[0],
             "words": predicted.loads,
-            "parts": {name: _curves(part, stride) for name, part in parts.items() if name != "difference"},
+            "thinned": len(time) > _MOST_POINTS,
+            "parts": {name: _history_curves(time, part) for name, part in parts.items() if name != "difference"},
             "largest": {
                 name: [float(v[0]) for v in (part.values, part.low, part.high)] for name, part in maxima.items()
             },
@@ -223,11 +229,17 @@ def _damper_text(tuned: Sequence[Mapping[str, Any]]) -> str:
     return f"{tuned[0]['mass']}@{tuned[0]['dof']}"
 
 
-def _curves(part: Prediction, stride: int = 1) -> dict[str, StoredEntry]:
-    """Packed ``value`` (of FRFs the magnitude), ``low`` and ``high`` (95 % band) of the first channel, one line in `stride`."""
-    values = np.abs(part.values) if np.iscomplexobj(part.values) else part.values
-    columns = {"value": values, "low": part.low, "high": part.high}
-    return {name: packed(column.reshape(len(column), -1)[::stride, 0], np.float32) for name, column in columns.items()}
+def _curves(part: Prediction) -> dict[str, StoredEntry]:
+    """Packed ``value``, the magnitude, and ``low`` and ``high`` (95 % band) of the first channel of an FRF."""
+    columns = {"value": np.abs(part.values), "low": part.low, "high": part.high}
+    return {name: packed(column.reshape(len(column), -1)[:, 0], np.float32) for name, column in columns.items()}
+
+
+def _history_curves(time: FloatArray, part: Prediction) -> dict[str, StoredEntry]:
+    """Packed ``value``, ``low`` and ``high`` (95 % band) of the first sensor of a history over `time`, thinned if it is long."""
+    _, value = thin_curve(time, part.values[:, 0].real, _MOST_POINTS)
+    _, low, high = thin_band(time, part.low[:, 0], part.high[:, 0], _MOST_POINTS)
+    return {name: packed(curve, np.float32) for name, curve in (("value", value), ("low", low), ("high", high))}
 
 
 def export_use(

@@ -364,7 +364,8 @@ function history(told, state) {
   }
   const place = h("div", {class: "plot", id: "predicted-history"}),
     x = unpacked(told.history.time, "f64"),
-    what = state.sensor.includes("[") ? state.sensor : state.motion;
+    {output} = told.history,
+    what = output.includes("[") ? output : state.motion;
   const draw = () =>
     chart(place, banded(x, told.history.parts), {
       again: draw,
@@ -373,13 +374,17 @@ function history(told, state) {
     });
   setTimeout(draw); // it has no width before it is on the page
   return [
-    h("h3", {}, `Motion at ${state.sensor} over time`),
-    h("p", {class: "note"}, `Under ${told.history.words}.`),
+    h("h3", {}, `Motion at ${output} over time`),
+    h(
+      "p",
+      {class: "note"},
+      `Under ${told.history.words}.${told.history.thinned ? " Samples are drawn by minimum and maximum of short bins." : ""}`,
+    ),
     place,
     table(
       ["", withUnit("largest", told.history.unit), "95 % interval"],
       Object.entries(told.history.largest).map(([name, [value, low, high]]) => [
-        name === "value" ? "predicted" : name,
+        {value: "predicted", difference: "change"}[name] || name,
         number(value, 4),
         `${number(low, 4)} to ${number(high, 4)}`,
       ]),
@@ -392,11 +397,11 @@ function response(told, state, facts, fits) {
   if (!told.frf) {
     return [];
   }
-  const {moved} = told.frf,
+  const {moved, output, input} = told.frf,
     place = h("div", {class: "plot", id: "predicted-frf"}),
     x = unpacked(told.frf.frequency, "f64");
   const seen = fits.channels.find(
-    (one) => one.name.split("/").map(unsigned).join("/") === [state.sensor, state.load].map(unsigned).join("/"),
+    (one) => one.name.split("/").map(unsigned).join("/") === [output, input].map(unsigned).join("/"),
   );
   const isSeen = seen && told.frf.kind === facts.kind;
   const draw = () => {
@@ -421,14 +426,14 @@ function response(told, state, facts, fits) {
     ? "Measured in the record"
     : seen
       ? `Measured as ${facts.kind}; predict that kind to see both`
-      : state.sensor.includes("[")
+      : output.includes("[")
         ? "Read from the element, which no sensor of the record measures"
         : "No sensor of the record is there";
   return [
     h(
       "h3",
       {},
-      `Response at ${state.sensor} to ${moved.length ? `motion of ${moved.length > 1 ? "supports" : "support"} ${moved.join(", ")}${moved.length > 1 ? ", together" : ""}` : `a force at ${state.load}`}`,
+      `Response at ${output} to ${moved.length ? `motion of ${moved.length > 1 ? "supports" : "support"} ${moved.join(", ")}${moved.length > 1 ? ", together" : ""}` : `a force at ${input}`}`,
     ),
     h("p", {class: "note"}, `${words}.`),
     place,
