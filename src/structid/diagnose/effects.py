@@ -97,9 +97,9 @@ def effect_of_addition(
 
 
 def _unit_response(receptances: Receptances, directions: Directions) -> tuple[ComplexArray, ComplexArray]:
-    """-(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), of one direction.
+    """Response -(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), for one direction D.
 
-    Those of the directions last asked for are kept: local resonances ask at each frequency.
+    D'x, D'y and G are those of `Directions.projected`. Results for the directions last asked for are kept in `receptances`.
     """
     key = directions.codes.tobytes(), directions.weights.tobytes()
     cache = receptances.unit_responses

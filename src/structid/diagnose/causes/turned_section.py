@@ -36,7 +36,8 @@ class TurnedSection(Candidate):
         """Candidates for all sets of beams with two different bending stiffnesses together, then for each set.
 
         Left out are sets whose beams have no common direction that turns every one, and those whose parameters may take
-        either stiffness anyhow. Of many sets 150 are tried alone, evenly chosen.
+        either stiffness anyhow. Of many sets `MOST_ELEMENTS` are tried alone,
+        evenly chosen.
         """
         structure, parameters = model.setups[0].structure, model.setups[0].parameters
         names = [

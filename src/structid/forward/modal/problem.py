@@ -244,8 +244,8 @@ def influence_by_kind(problem: ModalProblem, theta: FloatArray) -> dict[str, tup
 
     The second is the trace of (J'J)^-1 J_k'J_k with J the whitened Jacobian, prior rows included, and J_k its rows of the kind;
     with that of the prior rows, which are no kind here, these add up to the number of parameters. The third is of the sum of
-    squares of all data rows. Rows that are 0 with all their derivatives do not count. Empty if data and priors do not determine
-    all parameters. `theta` (n_params,) are free variables.
+    squares of all data rows, or 0 where that sum is 0. Rows that are 0 with all their derivatives do not count. Empty if data
+    and priors do not determine all parameters. `theta` (n_params,) are free variables.
     """
     at = problem.linearize(theta)
     information = at.jacobian.T @ at.jacobian
