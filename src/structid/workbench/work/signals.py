@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.core.arrays import FloatArray, bin_extremes
+from structid.core.arrays import FloatArray, IntArray, bin_extremes
 from structid.core.dof import Dof
 from structid.core.errors import FileError, InputError, StructidError
 from structid.core.json_types import StoredEntry
@@ -174,7 +174,7 @@ def histories(
     }
 
 
-def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Minimum and maximum (n_channels, n_bins) of samples `begin` to `end`, and the first sample of each bin.
 
     `end` is exclusive; there are at most `n_most` bins of equal length, of which the last may be shorter.
@@ -187,7 +187,7 @@ def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tupl
 
 def _overview_bins(
     overview: FloatArray, begin: int, end: int, n_most: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Minimum and maximum (n_channels, n_bins) from a stored overview, and the first sample of each bin.
 
     `overview` (2, n_channels, n) holds minimum and maximum of every `BIN` samples; samples `begin` to `end` are covered by at
@@ -201,7 +201,7 @@ def _overview_bins(
     return low, high, (first + starts) * BIN
 
 
-def _sampled_bins(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _sampled_bins(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Minimum and maximum (n_channels, n_pieces) of short pieces of a record, and the first sample of each piece.
 
     The pieces are evenly spread from sample `begin` to `end`, so that a long record need not be read whole.
