@@ -134,6 +134,12 @@ def test_what_cannot_be_read_is_named(tmp_path, name, text, words):
         read_modes(tmp_path / name)
 
 
+@pytest.mark.parametrize("end", ["\n", "\n ", "\n   \n\x0c"])
+def test_blanks_after_the_last_row_do_not_cut_a_listing_short(tmp_path, end):
+    (tmp_path / "modes.f06").write_text(listing().rstrip() + end)
+    assert read_modes(tmp_path / "modes.f06").n_modes == len(FREQUENCY)
+
+
 @pytest.mark.parametrize("kind", ["F", "B"])
 def test_modes_of_calculix(tmp_path, kind):
     """As CalculiX writes *FREQUENCY, and *BUCKLE, which are no modes."""

@@ -297,7 +297,10 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def reductions(self) -> tuple[Reduction, ...]:
-        """The reduction of each of the `components`, in their order; () if there are none."""
+        """Reductions of the `components` to their interface and a few modes, in their order; `measured` ones have none.
+
+        `InputError` if a line set of a component has a tolerance of its length.
+        """
         if not self.components:
             return ()
         _require_held_lengths(self)

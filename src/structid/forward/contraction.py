@@ -103,6 +103,7 @@ class ParameterForces:
         Parameters
         ----------
         factors : (n_lines, n_maps) complex array
+            Coefficient of each map in the dynamic stiffness Z.
         vectors : (n_dofs, n_vectors) float array
         x, y : (n_lines, n_vectors, n_x) and (n_lines, n_vectors, n_y) complex arrays
         """

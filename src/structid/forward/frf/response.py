@@ -158,10 +158,10 @@ class ResponseCache:
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> SparseSolver:
-        """Sparse solver for the channels `sides` at the lines of `record`, cached.
+        """Sparse solver of the structure and parameters of `slopes`, for the channels `sides` at the lines of `record`; cached.
 
-        With friction contacts each record has its own. `reduced` is the largest relative error of values from few
-        factorizations; None solves every line.
+        With friction contacts each record has a solver of its own. `reduced` is the largest error of values, in parts of the
+        largest of their line, that may come from few factorizations; None solves every line.
         """
         own = record if sides.n_contacts else None
         key: tuple[object, ...] = (

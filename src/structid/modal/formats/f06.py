@@ -114,7 +114,8 @@ class _Listing:
         if self.state == "second":
             self._read_second(number, line)
         elif self.state == "rows" and self._read_row(number, line):
-            self.last_row = number
+            if line.strip():
+                self.last_row = number
         elif not line.strip():
             return
         elif _PAGE.match(line):

@@ -95,10 +95,11 @@ def ssi_cov(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int =
 def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace by data-driven stochastic subspace identification.
 
-    With L L' the sum of P P' over the window, the projection is the pencil's sum of F P' times L^-T. Where the past
-    is too close to singular for that (L's diagonal spans more than four decades, as in motion without noise), it
-    comes from a QR decomposition of all samples, which costs 8 i^2 n^2 N for i delays and n channels. `parts` are
-    weighted by L^-T in turn; they are None where the past is singular.
+    F and P stack i = `block_rows` future and past samples of the n channels in their columns, one for each of the N samples. With
+    L L' the sum of P P' over the window, the projection is the sum of F P' times L^-T. Where the past is too close to singular
+    for that (L's diagonal spans more than four decades, as in motion without noise), it comes from a QR decomposition of all
+    samples, which costs 8 i^2 n^2 N. `parts` of the result, the same sums over pieces, are multiplied by L^-T too; they are None
+    where the past is singular.
 
     Parameters
     ----------
@@ -110,6 +111,11 @@ def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int 
         Greatest number of states.
     n_pieces : int
         Pieces of the data for the covariance of the result.
+
+    Raises
+    ------
+    InputError
+        If a record is too short for the delays.
     """
     require_length(data, 2 * block_rows, max_order)
     windows = pieces(data, block_rows - 1, block_rows, n_pieces)

@@ -330,7 +330,10 @@ class _RecordedLoads:
 
 
 def _between_samples(recorded: _RecordedLoads, is_filtered: bool) -> str:
-    """Words on how recorded loads run between their samples; displacements of supports follow a spline."""
+    """Words on how recorded loads run between their samples: band-limited if `is_filtered` against aliasing, else straight.
+
+    Displacements of supports follow a spline.
+    """
     words = "band-limited between samples" if is_filtered else "in straight lines between samples"
     if not any(recorded.is_displacement):
         return words

@@ -185,9 +185,7 @@ def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tupl
     return low, high, begin + starts
 
 
-def _overview_bins(
-    overview: FloatArray, begin: int, end: int, n_most: int
-) -> tuple[FloatArray, FloatArray, IntArray]:
+def _overview_bins(overview: FloatArray, begin: int, end: int, n_most: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Minimum and maximum (n_channels, n_bins) from a stored overview, and the first sample of each bin.
 
     `overview` (2, n_channels, n) holds minimum and maximum of every `BIN` samples; samples `begin` to `end` are covered by at
