@@ -105,9 +105,9 @@ class FiniteSpectra:
 
     @property
     def hold_factor(self) -> ComplexArray:
-        """Transform of a first-order hold input over that of its samples, (n_frequencies,); 1 unless `straight`.
+        """Transform of a first-order hold input over that of its samples, (n_frequencies,).
 
-        It is (sinh(s dt/2) / (s dt/2))^2 with the sampling interval dt in s.
+        It is (sinh(s dt/2) / (s dt/2))^2 with the sampling interval dt = `straight` in s, and 1 where `straight` is 0.
         """
         if not self.straight:
             return np.ones(len(self.frequency), dtype=np.complex128)

@@ -333,8 +333,8 @@ def _with_nan(line: str, separator: str) -> str:
 def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:
     """Cells parsed row by row, (n_rows, n_columns); `FileError` with line and column for the first that is no number.
 
-    `dated` are the indices of columns of dates, which become NaN; `gaps` allows empty cells after the first column.
-    `names` are those of the columns.
+    A row with too few or too many cells is a `FileError` too. `names` are those of the columns, `dated` the indices of columns of
+    dates. `gaps` allows NaN and infinite cells, and cells that become NaN: dates, and empty ones after the first column.
     """
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))
