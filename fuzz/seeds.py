@@ -805,3 +805,4 @@ def _results(folder: Path) -> None:
             file[f"parameters/{name}"] = np.array([b"mass[a]", b"kg"])
         file["parameters/values"], file["parameters/covariance_noise"] = np.ones(2), np.eye(2)
         file["frf/outputs"] = file["frf/inputs"] = np.array([b"1X+"])
+        file["subdivide"] = 1
