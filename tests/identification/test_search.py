@@ -56,7 +56,7 @@ def fake_search(costs, tried):
 
 
 def fit_all(problems, search):
-    trials = PolarityTrials.begun(problems)
+    trials = PolarityTrials.begun(problems, {})
     while trials.pending:
         trials.add(search(trials.pending[0]))
     return trials.best
