@@ -525,12 +525,12 @@ def test_screening_takes_one_thread_of_blas(trial):
 
 
 def test_unit_responses_of_the_directions_last_asked_for_are_kept(trial, monkeypatch):
-    monkeypatch.setattr("structid.diagnose.effects._MOST_UNIT_RESPONSES", 2)
+    monkeypatch.setattr("structid.diagnose.receptances._MOST_UNIT_RESPONSES", 2)
     fields, _ = some_candidates(trial)
     first, second, third = (direction_of((dof, 1.0)) for dof in list(fields.columns)[:3])
     for direction in (first, second, first, third):
         effect_of_addition(fields, direction, np.ones(len(fields.laplace)), np.ones(1))
-    assert [codes for codes, _ in fields.unit_responses] == [one.codes.tobytes() for one in (first, third)]
+    assert [codes for codes, _ in fields.unit_responses.keys] == [one.codes.tobytes() for one in (first, third)]
 
 
 def test_strengths_that_leave_as_little_but_for_rounding_give_the_first(trial):

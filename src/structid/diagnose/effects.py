@@ -17,8 +17,6 @@ from structid.core.dof import Dof
 from structid.diagnose.receptances import Receptances
 from structid.fem.elements.element import dof_code
 
-#: Directions whose unit responses are kept.
-_MOST_UNIT_RESPONSES = 64
 _STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 
@@ -101,16 +99,13 @@ def _unit_response(receptances: Receptances, directions: Directions) -> tuple[Co
 
     D'x, D'y and G are those of `Directions.projected`. Results for the directions last asked for are kept in `receptances`.
     """
-    key = directions.codes.tobytes(), directions.weights.tobytes()
-    cache = receptances.unit_responses
-    known = cache.pop(key, None)
-    if known is None:
+
+    def respond() -> tuple[ComplexArray, ComplexArray]:
         x, y, g = directions.projected(receptances)
-        known = -np.swapaxes(y, 1, 2) * x * receptances.factor, g[:, 0, 0]
-        if len(cache) == _MOST_UNIT_RESPONSES:
-            del cache[next(iter(cache))]
-    cache[key] = known
-    return known
+        return -np.swapaxes(y, 1, 2) * x * receptances.factor, g[:, 0, 0]
+
+    key = directions.codes.tobytes(), directions.weights.tobytes()
+    return receptances.unit_responses.get_or_make(key, respond)
 
 
 def effect_of_coupling(receptances: Receptances, directions: Directions, k: ComplexArray) -> ComplexArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, evenly_spaced_indices
 from structid.core.errors import StructidError
+from structid.core.last_results import LastResults
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.places import MOST_DOFS, has_places
 from structid.diagnose.frf_views import FrfView, views
@@ -139,11 +140,12 @@ class ModifiedModel:
         METER.add(CHANGE_EFFORT)  # of cached models too: what a search may take depends on no cache
         if not self.is_small:
             return self._changed(candidate, strength)
-        return self._cache.get_or_make(candidate, strength, self._changed)
+        key = id(candidate), strength  # the candidate is kept too, so that its identity stands
+        return self._cache.get_or_make(key, lambda: (candidate, self._changed(candidate, strength)))[1]
 
     @cached_property
-    def _cache(self) -> ChangedModels:
-        return ChangedModels()
+    def _cache(self) -> LastResults[tuple[int, float], tuple[Candidate, ModifiedModel]]:
+        return LastResults(MOST_CACHED)
 
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
         """The model with the change `candidate` of size `strength` besides, made anew.
@@ -343,31 +345,6 @@ class ModifiedModel:
         if not minima:
             raise StructidError(f"no start can be evaluated: {last}") from last
         return min(minima, key=lambda minimum: minimum.costs[-1])
-
-
-class ChangedModels:
-    """Cache of the last changed models of one model; its content goes to no other process."""
-
-    def __init__(self) -> None:
-        """An empty cache."""
-        self._models: dict[tuple[int, float], tuple[Candidate, ModifiedModel]] = {}
-
-    def __reduce__(self) -> tuple[type[ChangedModels], tuple[()]]:
-        return ChangedModels, ()
-
-    def get_or_make(
-        self, candidate: Candidate, strength: float, make: Callable[[Candidate, float], ModifiedModel]
-    ) -> ModifiedModel:
-        """The model changed by this very candidate object with this strength, from the cache or from `make`.
-
-        The cache keeps the last 64 models; `make` takes the candidate and the strength.
-        """
-        key = id(candidate), strength  # the candidate is kept too, so that its identity stands
-        cached = self._models.pop(key, None) or (candidate, make(candidate, strength))
-        self._models[key] = cached
-        if len(self._models) > MOST_CACHED:
-            del self._models[next(iter(self._models))]
-        return cached[1]
 
 
 def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:

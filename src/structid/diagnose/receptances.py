@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, evenly_spaced_indices
 from structid.core.dof import Dof
+from structid.core.last_results import LastResults
 from structid.diagnose.flexibility import DenseFlexibility, Flexibility, modal_flexibility
 from structid.diagnose.thresholds import (
     FEWEST_SCREENED_LINES,
@@ -25,6 +26,8 @@ from structid.records.record import DERIVATIVES
 
 #: Degrees of freedom up to which Z is inverted line by line; of larger models modes and a residual term take its place.
 MOST_DENSE_DOFS = 600
+#: Directions whose unit responses are kept.
+_MOST_UNIT_RESPONSES = 64
 #: Lines that a screen looks at where time counts.
 MOST_LINES = 90
 
@@ -249,9 +252,9 @@ class Receptances:
         return {}
 
     @cached_property
-    def unit_responses(self) -> dict[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
-        """Responses of parts of unit stiffness in the directions last asked for, the latest last."""
-        return {}
+    def unit_responses(self) -> LastResults[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
+        """Responses of parts of unit stiffness in the directions last asked for."""
+        return LastResults(_MOST_UNIT_RESPONSES)
 
     def reached(self, codes: IntArray) -> FloatArray:
         """Weights (n_codes, n_dofs) by which degrees of freedom, given by codes, follow the free ones; zero where held."""

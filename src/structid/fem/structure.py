@@ -14,6 +14,7 @@ from structid.core.arrays import FloatArray, IntArray, locked, require_finite
 from structid.core.display import Overview, Shown, join_words, plural
 from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
+from structid.core.last_results import LastResults
 from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import LENGTH, TRANSLATIONS, PropertyMatrices, dof_code, dof_of_code, joined_codes
@@ -477,21 +478,20 @@ class Structure(Shown, StructurePlots):
             If a degree of freedom is not part of the structure or is held at zero.
         """
         chosen = tuple(dofs)
-        columns = self._selections.pop(chosen, None)
-        if columns is None:
-            columns = selection(self.numbering, self.nodes, chosen)
-            columns.sort_indices()  # sparse products sort in place, which locked arrays refuse
-            for array in (columns.data, columns.indices, columns.indptr):
-                array.flags.writeable = False
-        self._selections[chosen] = columns
-        for oldest in list(self._selections)[:-_SELECTIONS]:
-            self._selections.pop(oldest, None)
+        return self._selections.get_or_make(chosen, lambda: self._locked_selection(chosen))
+
+    def _locked_selection(self, dofs: tuple[Dof, ...]) -> sparse.csc_array:
+        """Columns that read `dofs`, (n_dofs, number of `dofs`), whose arrays cannot be written to."""
+        columns = selection(self.numbering, self.nodes, dofs)
+        columns.sort_indices()  # sparse products sort in place, which locked arrays refuse
+        for array in (columns.data, columns.indices, columns.indptr):
+            array.flags.writeable = False
         return columns
 
     @cached_property
-    def _selections(self) -> dict[tuple[Dof, ...], sparse.csc_array]:
-        """The last columns of `selection`, oldest first: each record of a model, smoothed or cut, asks for the same channels."""
-        return {}
+    def _selections(self) -> LastResults[tuple[Dof, ...], sparse.csc_array]:
+        """The last results of `selection`: each record of a model, smoothed or cut, asks for the same channels."""
+        return LastResults(_SELECTIONS)
 
     def require_dofs(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
         """Raise `InputError` if one of `dofs` is not free: not part of the structure, or held at zero.

@@ -10,6 +10,7 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.errors import InputError
+from structid.core.last_results import LastResults
 from structid.dynamics.dense_fields import MOST_SMALLER, solve_small_systems
 from structid.fem import Friction, Structure
 from structid.forward.frf.channels import Channels
@@ -78,20 +79,17 @@ class Sliding:
         The readings of sensors and contacts, (n_lines, n_outputs + n_contacts, 1), come from those without friction; None where
         that would lose digits. `physical` (n_params,) are the parameters.
         """
-        key = physical.tobytes()
-        cached = self._cache.pop(key, None)
-        if cached is None:
-            free, reach = self._frictionless_readings(physical)
-            n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
-            force, floor = self.force(physical), self._stuck_amplitude
-            amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
-            coefficients = np.array(self.fixed_coefficients)
-            coefficients[:, frictions] = 1j / amplitude
-            cached = coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
-            if len(self._cache) > 1:
-                del self._cache[next(iter(self._cache))]
-        self._cache[key] = cached
-        return cached
+        return self._cache.get_or_make(physical.tobytes(), lambda: self._balanced(physical))
+
+    def _balanced(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
+        """Coefficients and readings of `at`, computed."""
+        free, reach = self._frictionless_readings(physical)
+        n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
+        force, floor = self.force(physical), self._stuck_amplitude
+        amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
+        coefficients = np.array(self.fixed_coefficients)
+        coefficients[:, frictions] = 1j / amplitude
+        return coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
 
     def add_change(
         self, derivative: ComplexArray, readings: NumberArray, reach: NumberArray, physical: FloatArray, part: slice
@@ -113,9 +111,9 @@ class Sliding:
         return self.parameters.values(physical)[[contact.value for contact in self.contacts]]
 
     @cached_property
-    def _cache(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
-        """The two answers of `at` that were last asked for, by the parameters, the latest last."""
-        return {}
+    def _cache(self) -> LastResults[bytes, tuple[ComplexArray, ComplexArray | None]]:
+        """The two answers of `at` that were last asked for, by the parameters."""
+        return LastResults(2)
 
     @cached_property
     def _stuck_amplitude(self) -> FloatArray:

@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.sparse import csc_array
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.last_results import LastResults
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
 from structid.forward.frf.channels import Channels
@@ -84,20 +85,18 @@ class DenseSolver:
         """
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
-        cached = self._cache.pop(key, None)
-        if cached is None:
+
+        def solve() -> tuple[DenseFields, sparse.csc_array]:
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
             matrices = structure.dense_matrices(self.slopes.matrix_kinds, values)
-            cached = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
-            if len(self._cache) > 1:
-                del self._cache[next(iter(self._cache))]
-        self._cache[key] = cached
-        return cached[0]
+            return DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
+
+        return self._cache.get_or_make(key, solve)[0]
 
     @cached_property
-    def _cache(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
-        """The two fields last asked for, the latest last, by values, Laplace variables and identity of the loads, kept too."""
-        return {}
+    def _cache(self) -> LastResults[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
+        """The two fields last asked for, by values, Laplace variables and identity of the loads, kept too."""
+        return LastResults(2)
 
 
 #: Largest eigenvalue problem that is tried, in degrees of freedom.
