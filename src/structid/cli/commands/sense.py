@@ -39,17 +39,16 @@ def sense(
     from structid.core.json_types import json_text
     from structid.report.sensing import SENSING_PAGE, sensing_page, sensing_text
     from structid.study.results.folder import staged_folder
-    from structid.study.results.stored_model import stored_study
     from structid.study.run.sensing import sense_record, sensed_csv, sensed_summary
 
     check_png(report, png)
-    found = sense_record(results, record, read, options, study)
+    found, title = sense_record(results, record, read, options, study)
     folder, name = out if out is not None else beside_call(f"{results.name}_sensed"), "sensed.csv"
     with staged_folder(folder, SENSING_PAGE) as staged:
         (staged / "sensed.csv").write_text(sensed_csv(found), encoding="utf-8")
         (staged / "sensed.json").write_text(json_text(sensed_summary(found, results, record)), encoding="utf-8")
         if report:
-            name = sensing_page(found, stored_study(results, study).title, record.name).write(staged, png).name
+            name = sensing_page(found, title, record.name).write(staged, png).name
     show(sensing_text(found))
     say(folder / name)
     if not found.is_explained:

@@ -21,8 +21,8 @@ from structid.study.results.stored_model import stored_doubt, stored_model, stor
 
 def sense_record(
     folder: Path, path: Path, read: ReadOptions, options: SenseOptions, study: Path | None = None
-) -> SensedMotion:
-    """The motion at the unmeasured channels named in `options`, estimated from a record with an identified model.
+) -> tuple[SensedMotion, str]:
+    """The motion at the unmeasured channels named in `options`, estimated from a record, and the title of the model's study.
 
     Parameters
     ----------
@@ -47,7 +47,8 @@ def sense_record(
     if not split_commas(options.wanted):
         raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
     wanted = distinct_channels("wanted", parse_outputs(split_commas(options.wanted)))
-    model = stored_model(folder, stored_study(folder, study))
+    source = stored_study(folder, study)
+    model = stored_model(folder, source)
     record = read_record(path, read)
     if not isinstance(record, TimeRecord):
         raise InputError(f"{path}: holds FRFs; motion at other places is computed from time histories")
@@ -66,7 +67,9 @@ def sense_record(
         is_filtered=not options.unfiltered,
     )
     doubt = stored_doubt(folder)
-    return replace(sensed, words=(doubt, *sensed.words)) if doubt else sensed
+    if doubt:
+        sensed = replace(sensed, words=(doubt, *sensed.words))
+    return sensed, source.title
 
 
 def sensed_csv(sensed: SensedMotion) -> str:
