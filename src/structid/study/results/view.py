@@ -29,8 +29,10 @@ from structid.inversion import Estimate, Status
 from structid.inversion.diagnostics.bounds import AtBound
 from structid.inversion.search.least_squares import dense_search_fits
 
-#: Parameters of a search without a Jacobian that the view lists, those that moved most.
+#: Parameters of a search without a Jacobian that the view and estimate.json list, those that moved most.
 MOST_CHANGES = 50
+#: File of a results folder with all of them.
+PARAMETERS = "parameters.csv"
 #: Lines of advice that a reader is shown at once.
 MOST_ADVICE = 5
 #: Length of a first sentence of a verdict that needs the second to say why.
@@ -57,11 +59,6 @@ _NOT_ALL = "Use the values with their intervals, but not those that the lines be
 _DOUBTFUL = "ot rely on"
 #: Kinds of causes that are choices of the model, which no look at the structure decides.
 _OF_THE_MODEL = ("mesh", "shear", "damping_law", "varies", "untied")
-
-
-PARAMETERS = "parameters.csv"
-#: How many of the largest changes estimate.json names.
-_MOST_CHANGES = 50
 
 
 @dataclass(frozen=True)
@@ -516,7 +513,7 @@ def changes_summary(estimate: Estimate) -> dict[str, StoredEntry]:
         "n_beyond_chance": int(beyond.sum()),
         "chance_limit_std": limit,
         "largest_changes": [
-            {key: column[i] for key, column in rows.items()} for i in largest_changes(estimate, _MOST_CHANGES)
+            {key: column[i] for key, column in rows.items()} for i in largest_changes(estimate, MOST_CHANGES)
         ],
         "parameters_file": PARAMETERS,
     }
