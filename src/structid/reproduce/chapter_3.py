@@ -493,7 +493,6 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> ReproducedItem:
     columns = ("mass m (kg/m)", "stiffness k (N/m)")
     bands = ("m, 5 %", "m, 95 %", "k, 5 %", "k, 95 %")
     band = np.column_stack([part.reshape(2, -1)[i] for i in (0, 1) for part in (low, high)])
-    rows = tuple(f"element {i}" for i in range(1, N_ELEMENTS + 1))
     return ReproducedItem(
         name,
         f"Estimated parameters for m = {n_samples} sampling times",
@@ -506,9 +505,9 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> ReproducedItem:
         f" {both:.4f}; the RMS over all 30 is {all_30:.4f}. That definition is an inference, from both tables."
         "\nThe text says that displacements are integrated from the noisy accelerations; see Claims on noise.",
         tables=(
-            Table(rows, columns, printed.reshape(2, -1).T, median.reshape(2, -1).T),
+            Table(_elements(), columns, printed.reshape(2, -1).T, median.reshape(2, -1).T),
             _rms_table(rms, both, all_30, studies),
-            unprinted(rows, bands, band),
+            unprinted(_elements(), bands, band),
         ),
     )
 

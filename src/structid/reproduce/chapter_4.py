@@ -222,8 +222,8 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Rep
 
 def table_4_1() -> ReproducedItem:
     """Table 4.1: the actual parameters of cases 1 and 2, identified from the postulated ones."""
-    all_motions = exact_record(CASE_1.actual, Reading("", in_rad_per_s(GRID[0]), ALL_MOTIONS))
-    tip_in_hz = exact_record(CASE_2.actual, Reading("", GRID, (TIP,)))
+    all_motions = exact_record(CASE_1.actual, ALL_AT_HALF)
+    tip_in_hz = exact_record(CASE_2.actual, TIP_IN_HZ)
     computed = np.column_stack(
         [
             classical_values(CASE_1, all_motions, 6)[-1],
