@@ -203,7 +203,7 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
     The group "" is the whole file.
     """
     places = {f"{group}/{name}".removeprefix("/"): name for name in names}
-    return {places[path_in_file]: field for path_in_file, field in hdf5_fields(require_readable(path), places).items()}
+    return {places[path_in_file]: field for path_in_file, field in hdf5_fields(path, places).items()}
 
 
 def stored_band(folder: Path) -> tuple[float, float] | None:
