@@ -42,7 +42,6 @@ def test_doctor_names_versions_factorizers_threads_and_memory():
 
 
 def test_doctor_says_what_is_not_installed_and_what_it_is_for(monkeypatch):
-    # the command first: its first import would take the other one's replacement for good
     monkeypatch.setattr("structid.cli.commands.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
     assert "not installed: no-such-package: nothing (extra `none`)" in RUN.invoke(cli.app, ["doctor"]).stdout
 
