@@ -34,9 +34,9 @@ BETTER = 10.0
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of a mesh that was not judged.
 MESH_MOVES = "the mesh moves"
 MESH_ERROR = "the values carry an error of the mesh"
-SUBDIVIDE_AUTO = '`subdivide = "auto"`'
 NOT_JUDGED = "what the mesh moves the values by is not known"
 MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, NOT_JUDGED)
+SUBDIVIDE_AUTO = '`subdivide = "auto"`'
 
 
 @dataclass(frozen=True)
@@ -52,16 +52,16 @@ class MeshPieces:
     shifts : str
         The values that move by more than `MOVED`, the farthest first, each with its shift; "" for none.
     obstacle : str
-        Why no more pieces were tried, or none; "" where these are enough.
-    near : mapping of str to float
-        Free variables of the minimum with pieces half as long, by name; empty where it was not followed.
+        Why the mesh was not judged, or why no finer one is proposed; "" otherwise, also where more pieces are needed.
+    finer_minimum : mapping of str to float
+        Free variables of the minimum with pieces half as long, by name; empty where it was not looked for, or not found.
     """
 
     count: int
     moved: float = float("nan")
     shifts: str = ""
     obstacle: str = ""
-    near: Mapping[str, float] = field(default_factory=dict)
+    finer_minimum: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_enough(self) -> bool:
@@ -70,11 +70,12 @@ class MeshPieces:
 
     @property
     def needed(self) -> int:
-        """Number of pieces, doubled until the mesh is estimated to move values by `_AIMED`, at most `_MOST_PIECES`.
+        """Number of pieces to try next, for a mesh that is not enough.
 
-        Doubled once where the minimum could not be followed, since the shift is then a guess.
+        It is doubled until the mesh is estimated to move values by `_AIMED`, once where the minimum was not found, since the
+        shift is then a guess. It is at most `_MOST_PIECES`, but always more than `count`.
         """
-        doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.near else 1
+        doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.finer_minimum else 1
         return max(min(self.count * 2 ** max(doublings, 1), _MOST_PIECES), self.count + 1)
 
     @property
@@ -125,14 +126,14 @@ def judge_pieces(
     at = problem.linearize(theta)
     step = shift_of_minimum(at.jacobian, finer_rows - at.residual[: finer.n_data])  # priors know no mesh
     deviation = _deviation(identification)
-    per_deviation = problem.slope(theta) / np.where(deviation > 0, deviation, np.nan)
-    near: dict[str, float] = {}
-    if _largest(step * per_deviation) >= MOVED:
-        followed = _followed_shift(finer, columns, theta, at, per_deviation)
+    deviations_per_theta = problem.slope(theta) / np.where(deviation > 0, deviation, np.nan)
+    finer_minimum: dict[str, float] = {}
+    if _largest(step * deviations_per_theta) >= MOVED:
+        followed = _followed_shift(finer, columns, theta, at, deviations_per_theta)
         if followed is not None:
             step = followed
-            near = dict(zip(problem.names, (theta + np.nan_to_num(step)).tolist(), strict=True))
-    deviations = np.abs(step * per_deviation)
+            finer_minimum = dict(zip(problem.names, (theta + np.nan_to_num(step)).tolist(), strict=True))
+    deviations = np.abs(step * deviations_per_theta)
     if not np.isfinite(deviations).any():
         return MeshPieces(count, obstacle="no value is determined that the mesh might move")
     deviations = np.nan_to_num(deviations)
@@ -141,7 +142,9 @@ def judge_pieces(
     shifts = [f"{problem.names[i]} by {deviations[i]:.2g}" for i in far]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
-    return MeshPieces(count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle, near)
+    return MeshPieces(
+        count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle, finer_minimum
+    )
 
 
 def division_words(drawn: Identification, divided: Identification, count: int) -> str:
@@ -149,7 +152,7 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
 
     It says which mesh the record fits better, where it is the drawn one.
     """
-    names = _divided_names(divided)
+    names = _divisible_names(divided)
     before, after = drawn.estimate, divided.estimate
     columns = indices_of(before.names, after.names)
     deviation = _deviation(divided)
@@ -169,20 +172,25 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
 def kept_words(drawn: Identification, divided: Identification, count: int) -> str:
     """A sentence on elements that stay as `drawn`, since the record fits them and not the ones `divided` into `count` pieces."""
     misfits = [_rounded(answer.estimate.goodness.misfit) for answer in (drawn, divided)]
+    names = join_words(_divisible_names(divided), 4)
     return (
-        f"the record fits the elements of {join_words(_divided_names(divided), 4)} as drawn (chi-square {misfits[0]} times what is"
+        f"the record fits the elements of {names} as drawn (chi-square {misfits[0]} times what is"
         f" expected) and not divided into {count} pieces ({misfits[1]} times), as a record does that was simulated with the drawn"
         f" ones: they stay as drawn; `subdivide = {count}` in [structure] divides them"
     )
 
 
-def _divided_names(divided: Identification) -> list[str]:
-    """Names of the element sets that are divided, each once."""
-    return list(dict.fromkeys(element.name for setup in divided.setups for element in setup.structure.divisible))
+def _divisible_names(identification: Identification) -> list[str]:
+    """Names of the element sets that `subdivide` divides, each once."""
+    return list(dict.fromkeys(element.name for setup in identification.setups for element in setup.structure.divisible))
 
 
 def undivided_words(setups: Sequence[AnySetup]) -> str:
-    """A clause on the elements whose mesh is taken as it is, since only beams can be divided; "" where there are none."""
+    """A clause on the elements whose mesh ± takes as it is, since only beams and some bars can be divided; "" for none.
+
+    These are elements of cells (plates, solids), those of one matrix for the whole set, and lines that nothing would hold between
+    their pieces.
+    """
     structures = [setup.structure for setup in setups if setup.structure.has_matrices]
     whole = {
         p.element
@@ -238,13 +246,14 @@ def _deviation(identification: Identification) -> FloatArray:
 
 
 def _followed_shift(
-    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, per_deviation: FloatArray
+    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, deviations_per_theta: FloatArray
 ) -> FloatArray | None:
     """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
 
-    None if a step does not lower its sum of squares or goes too far, the model cannot be evaluated, or the steps do not end.
+    Its sum of squares has the data of `finer` and the priors of the coarser problem. None if a step does not lower it or goes too
+    far, the model cannot be evaluated, or the steps do not end; the last step, a small one, is taken unseen.
     `at` is the linearization of the coarser problem at its minimum `theta`, whose rows of priors are kept; `columns` are the
-    positions in `theta` of the parameters of `finer`, and `per_deviation` times a shift is a number of deviations.
+    positions in `theta` of the parameters of `finer`, and `deviations_per_theta` times a shift is a number of deviations.
     """
     total, lowest = np.zeros(len(theta)), np.inf
     sizes, slope = finer.unknowns.sizes(finer.physical(theta[columns])), finer.slope(theta[columns])
@@ -266,7 +275,7 @@ def _followed_shift(
         total = total + step
         if _largest(total * per_size) > _FARTHEST:
             return None
-        if _largest(step * per_deviation) <= _FOLLOWED * _largest(total * per_deviation):
+        if _largest(step * deviations_per_theta) <= _FOLLOWED * _largest(total * deviations_per_theta):
             return total
     return None
 
@@ -277,5 +286,5 @@ def _largest(values: FloatArray) -> float:
 
 
 def _rounded(value: float) -> str:
-    """A positive number with two digits, or without decimals from 10 on."""
+    """A positive number to two digits below 10, and without decimals from 10 on."""
     return f"{value:.1f}" if 1 <= value < 10 else f"{value:.2g}" if value < 1 else f"{value:,.0f}"

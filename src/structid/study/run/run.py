@@ -122,7 +122,7 @@ def refine_mesh(
         try:
             study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
             finer = compare_with_models(study, setups)
-            divided = run_prepared(finer, progress, work, mesh.near)
+            divided = run_prepared(finer, progress, work, mesh.finer_minimum)
         except (InputError, NoAnswerError, SingularModelError) as error:
             mesh = replace(mesh, obstacle=f"{mesh.needed} pieces cannot be identified ({error})")
             break
