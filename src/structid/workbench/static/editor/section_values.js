@@ -62,10 +62,7 @@ async function fillRow(cells, row, given, write) {
   }
 }
 
+// The choice stays where it is still offered.
 function offerRows(row, sets) {
-  const before = row.value;
-  fill(row, options([["new", "the new row"], ...sets.map((one) => [String(one.k), one.name])]));
-  if ([...row.options].some((one) => one.value === before)) {
-    row.value = before;
-  }
+  fill(row, options([["new", "the new row"], ...sets.map((one) => [String(one.k), one.name])], row.value));
 }

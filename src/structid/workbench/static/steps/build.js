@@ -1,5 +1,6 @@
 // The editor of a structure: nodes, beams, bars, masses and springs in tables beside the picture; each edit is written to the study.
 import {get} from "../api.js";
+import {arrange} from "../cells.js";
 import {field, fill, h, options} from "../dom.js";
 import {TITLES} from "../editor/cell_texts.js";
 import {nodesTable} from "../editor/nodes_table.js";
@@ -131,13 +132,6 @@ function pageParts(app, editor, tools, stage, asked) {
   return {parts, step, told, state, tables, drawHistory};
 }
 
-// `sections` as the children of `box`; where they are already, nothing moves, so that the focus stays.
-function arrange(box, sections) {
-  if (sections.some((one, k) => box.children[k] !== one) || box.children.length !== sections.length) {
-    fill(box, sections);
-  }
-}
-
 function doubtsCard(doubts) {
   const rows = doubts.map((one, k) =>
     h("li", {}, h("div", {class: "check"}, h("b", {class: "tag"}, String(k + 1)), h("span", {}, one.words))),
@@ -153,7 +147,7 @@ function offerSets(into, types, sets) {
     [`${type} new`, `new ${TITLES[type].toLowerCase()}`],
     ...sets.filter((one) => one.type === type).map((one) => [`${type} ${one.k}`, one.name]),
   ]);
-  fill(into, options(targets, targets.some(([value]) => value === into.value) ? into.value : targets[0][0]));
+  fill(into, options(targets, into.value));
 }
 
 function listenToUndo(box, step) {
