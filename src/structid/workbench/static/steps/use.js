@@ -118,7 +118,7 @@ function asked(app, results, facts, fits) {
     list = h("ul", {class: "plain", id: "changes"});
   const button = h("button", {class: "main", type: "submit"}, "Predict");
   const predict = async () => {
-    Object.assign(state, {
+    const given = {
       sensor: sensor.value.trim(),
       load: load.value.trim(),
       kind: kind.value,
@@ -126,22 +126,11 @@ function asked(app, results, facts, fits) {
       history: file.value,
       motion: motion.value,
       filtered: filtered.checked,
-    });
+    };
+    Object.assign(state, given);
     fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
     try {
-      const told = await post("predict", {
-        results,
-        options: {
-          sensor: state.sensor,
-          load: state.load,
-          kind: state.kind,
-          band: state.band,
-          history: state.history,
-          motion: state.motion,
-          filtered: state.filtered,
-        },
-        changes: state.changes,
-      });
+      const told = await post("predict", {results, options: given, changes: state.changes});
       fill(
         answer,
         shownModes(told),
