@@ -219,9 +219,10 @@ def changed_model(
         If a change names what the structure does not have, or leaves nothing that moves or nothing that has mass; or if
         `changes` is no sequence of changes.
     """
-    each = tuple(changes) if isinstance(changes, Iterable) else ()
+    is_sequence = isinstance(changes, Iterable)
+    each = tuple(changes) if is_sequence else ()
     wrong = [change for change in each if isinstance(change, type) or not hasattr(change, "apply")]
-    if wrong or not isinstance(changes, Iterable):
+    if wrong or not is_sequence:
         raise InputError(
             "`changes` must be a sequence of changes with their values, such as [AddMass(node=12, mass=5.0)], got"
             f" {wrong[0] if wrong else changes!r}"

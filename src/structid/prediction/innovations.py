@@ -178,7 +178,7 @@ def _larger(whitened: FloatArray, replicates: Sequence[FloatArray], least: float
     if not whitened.size:
         return ""
     square, usual = mean_square(whitened), [mean_square(item) for item in replicates]
-    ratio = np.sqrt(square / np.exp(np.mean(np.log(usual))))
+    ratio = np.sqrt(square / _geometric_mean(usual))
     if _is_beyond(square, usual) and ratio > 1 + least:
         return f"the prediction errors of the sensors are {ratio:.2g} times as large as they should be"
     return ""
@@ -208,13 +208,17 @@ def _may_be_uncertainty(whitened: FloatArray, replicates: Sequence[FloatArray], 
     count, n = whitened.shape
     n_lags = _n_lags(count)
     correlated = foretold_part(whitened) - n * n_lags / count
-    usual = np.exp(np.mean(np.log([mean_square(item) for item in replicates])))
+    usual = _geometric_mean([mean_square(item) for item in replicates])
     is_within = mean_square(whitened) - usual < _SIGNIFICANT**2 * np.mean(spread**2)
     return bool(is_within and correlated > max(_FORETOLD, _SIGNIFICANT * np.sqrt(2 * n_lags) / count))
 
 
 def _n_lags(count: int) -> int:
     return min(_LAGS, count // 4)
+
+
+def _geometric_mean(values: Sequence[float]) -> float:
+    return float(np.exp(np.mean(np.log(values))))
 
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:

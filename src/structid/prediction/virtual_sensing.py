@@ -343,7 +343,7 @@ def sense(
     drawn = model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ()
     others = [reduce_structure(structure, v, basis, sides_at(v)) for v in map(model.parameters.values, drawn)]
     nominal, deviation, verdict = _within_uncertainty(chosen, reduced, others, seed)
-    is_free = unknown is not None and unknown.correlation_time is None and unknown.std is None
+    is_free = stated_time is None and stated_std is None
     is_doubted = is_free and bool(verdict.words)
     sensed_forces = nominal.mean[:, -len(forces) :]
     steeper = chosen.with_likeliest_order(reduced) if is_doubted else None
@@ -360,7 +360,7 @@ def sense(
         if likelier and retried and not retried[2].words:
             chosen, (nominal, deviation, verdict) = likelier, retried
     n_out, n_left = len(wanted), len(channels.left)
-    is_estimated = unknown is not None and (unknown.correlation_time is None or unknown.std is None)
+    is_estimated = stated_time is None or stated_std is None
     out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     left_std = np.sqrt(deviation[:, seen] ** 2 + channels.left_variance)
     return SensedMotion(
