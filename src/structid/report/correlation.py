@@ -31,14 +31,12 @@ if TYPE_CHECKING:
 CORRELATION_PAGE = "correlation.html"
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8
-Figures = dict[str, plot.Figure]
-
-
 #: What the models of a figure are called, one, or two with their colours.
 ALONE, BEFORE_AND_AFTER = ("model",), ("initial", "identified")
 _COLOURS = {"model": palette.FITTED, "initial": palette.INITIAL, "identified": palette.FITTED}
 #: FDAC maps at most, of the first loads.
 _MOST_MAPS = 2
+Figures = dict[str, plot.Figure]
 
 
 def modes_table(correlation: ModesCorrelation) -> Table:

@@ -34,8 +34,6 @@ _HEADER = (
     "RMS std",
     "with tolerances",
 )
-
-
 _SYMBOLS = ("square", "circle", "diamond", "triangle-up")
 _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 #: Beyond this relative standard deviation a mark stands at the edge of the drawing.

@@ -29,8 +29,6 @@ _CLASSES = {
 #: Digits of the numbers in the JSON file; later ones depend on the machine.
 _JSON_DIGITS = 10
 _MORE_DECIMALS = 2
-
-
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "star")
 _DASHES: tuple[Literal["solid", "dash", "dot"], ...] = ("solid", "dash", "dot")
 #: Curves with more points than this have no markers.

@@ -53,8 +53,7 @@ _MOST_STREAMS, _MOST_RESULTS, _MOST_STAMPS = 64, 2000, 10_000
 _PREVIEW_LINES, _PREVIEW_LETTERS, _PREVIEW_BYTES = 12, 400, 20_000
 #: Files that are being uploaded.
 _arriving: set[Path] = set()
-
-
+#: Work that goes on after an answer.
 _tasks: set[asyncio.Task[Any]] = set()
 #: Tables that the page does not look at are left out where the text is longer.
 _LONG = 3_000_000
@@ -574,55 +573,6 @@ def _archive(paths: list[Path], folder: Path, target: Path) -> None:
             archive.write(path, f"{folder.name}/{path.relative_to(folder).as_posix()}")
 
 
-#: Method, path and handler of every address.
-ROUTES: tuple[tuple[str, str, Handler], ...] = (
-    ("GET", "/", _index),
-    ("GET", "/static/{name}", _file),
-    ("GET", "/static/steps/{name}", _step),
-    ("GET", "/static/editor/{name}", _editor),
-    ("GET", "/view/{name:path}", _view),
-    ("GET", "/api/folder", _folder),
-    ("POST", "/api/open", _open),
-    ("GET", "/api/templates", _templates),
-    ("POST", "/api/init", _init),
-    ("PUT", "/api/file", _upload),
-    ("GET", "/api/study", _study),
-    ("POST", "/api/study", _save),
-    ("POST", "/api/edit", _edit),
-    ("GET", "/api/line", _line),
-    ("GET", "/api/kinds", _kinds),
-    ("GET", "/api/sections", _sections),
-    ("POST", "/api/sections", _section),
-    ("GET", "/api/scene", _of_study("scene", number=0)),
-    ("GET", "/api/channels", _of_study("channels", number=0)),
-    ("GET", "/api/check", _of_study("check")),
-    ("GET", "/api/modelled", _of_study("modelled", number=0)),
-    ("GET", "/api/needs", _of_study("needs")),
-    ("GET", "/api/plan", _of_study("plan", sensors=4)),
-    ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
-    ("POST", "/api/facts", _facts),
-    ("POST", "/api/lines", _lines),
-    ("POST", "/api/histories", _histories),
-    ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),
-    ("POST", "/api/survey", _of_body("survey", "record", "options", "band")),
-    ("POST", "/api/pick", _modes_folder("pick", "record", "options", "frequencies", "out", "band")),
-    ("POST", "/api/merge", _modes_folder("merge", "records", "options", "out", "band")),
-    ("POST", "/api/beside", _of_body("beside", "study", "number", "measured", "at")),
-    ("POST", "/api/runs", _start_run),
-    ("GET", "/api/runs/{id}", _run),
-    ("POST", "/api/runs/{id}/{action}", _act),
-    ("GET", "/api/events", _events),
-    ("GET", "/api/results", _results),
-    ("GET", "/api/fits", _of_results("fits")),
-    ("GET", "/api/identified", _of_results("identified")),
-    ("GET", "/api/use", _of_results("use")),
-    ("POST", "/api/predict", _of_body("predict", "results", "options", "changes")),
-    ("POST", "/api/exports", _of_body("exports", "results", "kind", "suffix", "options")),
-    ("GET", "/api/download", _download),
-    ("GET", "/api/export", _export),
-)
-
-
 def study_answer(text: str, digest: str) -> dict[str, Any]:
     """Study for the web page: ``text``, ``digest``, parsed ``table``, and ``broken``, the line and message of a TOML error.
 
@@ -673,3 +623,52 @@ def _as_json_value(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return str(value) if isinstance(value, datetime.date | datetime.time) else value
+
+
+#: Method, path and handler of every address.
+ROUTES: tuple[tuple[str, str, Handler], ...] = (
+    ("GET", "/", _index),
+    ("GET", "/static/{name}", _file),
+    ("GET", "/static/steps/{name}", _step),
+    ("GET", "/static/editor/{name}", _editor),
+    ("GET", "/view/{name:path}", _view),
+    ("GET", "/api/folder", _folder),
+    ("POST", "/api/open", _open),
+    ("GET", "/api/templates", _templates),
+    ("POST", "/api/init", _init),
+    ("PUT", "/api/file", _upload),
+    ("GET", "/api/study", _study),
+    ("POST", "/api/study", _save),
+    ("POST", "/api/edit", _edit),
+    ("GET", "/api/line", _line),
+    ("GET", "/api/kinds", _kinds),
+    ("GET", "/api/sections", _sections),
+    ("POST", "/api/sections", _section),
+    ("GET", "/api/scene", _of_study("scene", number=0)),
+    ("GET", "/api/channels", _of_study("channels", number=0)),
+    ("GET", "/api/check", _of_study("check")),
+    ("GET", "/api/modelled", _of_study("modelled", number=0)),
+    ("GET", "/api/needs", _of_study("needs")),
+    ("GET", "/api/plan", _of_study("plan", sensors=4)),
+    ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
+    ("POST", "/api/facts", _facts),
+    ("POST", "/api/lines", _lines),
+    ("POST", "/api/histories", _histories),
+    ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),
+    ("POST", "/api/survey", _of_body("survey", "record", "options", "band")),
+    ("POST", "/api/pick", _modes_folder("pick", "record", "options", "frequencies", "out", "band")),
+    ("POST", "/api/merge", _modes_folder("merge", "records", "options", "out", "band")),
+    ("POST", "/api/beside", _of_body("beside", "study", "number", "measured", "at")),
+    ("POST", "/api/runs", _start_run),
+    ("GET", "/api/runs/{id}", _run),
+    ("POST", "/api/runs/{id}/{action}", _act),
+    ("GET", "/api/events", _events),
+    ("GET", "/api/results", _results),
+    ("GET", "/api/fits", _of_results("fits")),
+    ("GET", "/api/identified", _of_results("identified")),
+    ("GET", "/api/use", _of_results("use")),
+    ("POST", "/api/predict", _of_body("predict", "results", "options", "changes")),
+    ("POST", "/api/exports", _of_body("exports", "results", "kind", "suffix", "options")),
+    ("GET", "/api/download", _download),
+    ("GET", "/api/export", _export),
+)

@@ -20,8 +20,8 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-#: Seconds for the next part of the body of a request.
-BODY_SECONDS = 30.0
+#: Seconds for the headers of a request, and for the next part of its body.
+HEADER_SECONDS, BODY_SECONDS = 10.0, 30.0
 #: Of a request that is no upload, and of an upload, bytes.
 MOST_REQUEST, MOST_UPLOAD = 2_000_000, 4_000_000_000
 _METHODS = ("GET", "HEAD", "POST", "PUT")
@@ -210,10 +210,6 @@ async def _answer(send: Send, status: int, text: str) -> None:
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
-
-
-#: Seconds for the headers of a request.
-HEADER_SECONDS = 10.0
 
 
 class DeadlineProtocol(H11Protocol):

@@ -33,8 +33,6 @@ _SINGULAR = (
     ("third singular value", plot.Pen(palette.PURPLE, 1.4, "dot")),
 )
 _MOST_LINES = 2400
-
-
 _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 
 

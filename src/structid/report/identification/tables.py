@@ -44,6 +44,11 @@ _FORMS = {
     "pole_free": "difference over the mean size of measured and modelled FRF (bounded near resonances)",
     "equation": "equation error of the measured outputs",
 }
+_MODAL_FORMS = {
+    "output": "frequencies and shapes of paired modes over their standard deviations",
+    "dynamic": "smallest force that makes a measured shape a motion of the model (unmeasured places eliminated)",
+}
+_MAC = "frequencies over their standard deviations, and 1 - MAC of each shape over the square of `shape_error`"
 _NOISE = {
     "coherence": "from coherence and number of averages",
     "repeats": "from the scatter of repeated measurements",
@@ -60,13 +65,6 @@ _INTERVALS = {
 
 #: Sets of values that stand side by side.
 _MOST_SETS = 12
-
-
-_MODAL_FORMS = {
-    "output": "frequencies and shapes of paired modes over their standard deviations",
-    "dynamic": "smallest force that makes a measured shape a motion of the model (unmeasured places eliminated)",
-}
-_MAC = "frequencies over their standard deviations, and 1 - MAC of each shape over the square of `shape_error`"
 
 
 def value_table(view: ResultsView) -> Table:

@@ -28,8 +28,6 @@ from structid.workbench.work.scene import packed, structure_scene
 _MODES, _MOST_DOFS = 12, 30_000
 #: Colours of the legend, and changes of an element set that are told in words.
 _LEGEND_COLOURS, _MOST_WORDS = 9, 20
-
-
 #: Lines of one channel that are sent of a model at most.
 _MOST_LINES = 4000
 _FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs", "kind")
