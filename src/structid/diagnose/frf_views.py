@@ -100,7 +100,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
     farther off. The loads are the channels that move most. `theta` (n_params,) are the free variables of the model.
     """
     state, pairs = problem.model.state(problem.physical(theta)), paired_modes(problem, theta)
-    seen, gains = state.sensors.T @ state.modes.mode_shapes, problem.model.readings(problem.physical(theta))[0][:, None]
+    seen, gains = state.seen, problem.model.readings(problem.physical(theta))[0][:, None]
     shapes, frequency = seen.copy(), state.modes.frequency.copy()
     given, like = problem.data.shapes[:, problem.data.measured], seen[:, pairs.number]
     known = ~np.isnan(given)

@@ -60,6 +60,11 @@ class ModelState:
     physical: FloatArray
     readings: FloatArray
 
+    @cached_property
+    def seen(self) -> FloatArray:
+        """Mode shapes at the sensors, (n_channels, n_modes)."""
+        return self.sensors.T @ self.modes.mode_shapes
+
 
 @dataclass(frozen=True, eq=False)
 class ModalModel:

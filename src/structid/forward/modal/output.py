@@ -276,7 +276,7 @@ def _visible_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, Fl
     (n_measured,) of the measured modes without a known shape entry.
     """
     is_bare = np.asarray(np.isnan(data.shapes[:, data.measured]).all(axis=0))
-    motion = np.abs(state.sensors.T @ state.modes.mode_shapes).max(axis=0, initial=0.0)
+    motion = np.abs(state.seen).max(axis=0, initial=0.0)
     counts = (motion > 0) | is_bare.any()
     return np.flatnonzero((state.modes.frequency > 1e-3 * data.frequency.min()) & counts), motion, is_bare
 
@@ -286,8 +286,7 @@ def _worth(data: MeasuredModes, state: ModelState, use: IntArray, motion: FloatA
 
     `motion` (n_model,) is the largest motion of a sensor in each model mode.
     """
-    seen = (state.sensors.T @ state.modes.mode_shapes)[:, use]
-    likeness = mac_with_model(data.shapes[:, data.measured], seen, motion[use] > 0)
+    likeness = mac_with_model(data.shapes[:, data.measured], state.seen[:, use], motion[use] > 0)
     return pairing_worth(likeness, data.frequency, state.modes.frequency[use], data.settings.frequency_guard)
 
 

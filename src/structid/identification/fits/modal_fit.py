@@ -52,7 +52,7 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     state = problem.model.state(problem.physical(theta))
     number = pairing(problem.data, state, problem.in_order)
     shapes = problem.data.shapes[:, problem.data.measured]
-    seen = state.sensors.T @ state.modes.mode_shapes
+    seen = state.seen
     position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
     angle, moves = np.full(len(number), np.nan), np.abs(seen).max(axis=0, initial=0.0) > 0
     for group in problem.data.groups:
