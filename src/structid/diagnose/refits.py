@@ -12,7 +12,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import StructidError
 from structid.diagnose.causes import OutlyingLines, Tone, rows_left_out
 from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.gain import MOST_GAIN, LoadGain, RecordGain, SensorGain
+from structid.diagnose.causes.gain import MOST_GAIN, Gain
 from structid.diagnose.causes.record_left_out import OtherState
 from structid.diagnose.data_rows import outlying_spans, scaled_misfit, tones
 from structid.diagnose.modified_model import FINAL, ModifiedModel, NearFit
@@ -243,11 +243,7 @@ def fit_fully(base: FittedModel, item: RefitTask, tools: TaskContext) -> StoredF
         if isinstance(candidate, OtherState) and not _fits_alone(base, candidate):
             return {}
         fitted = _fit_to_the_end(base, base.modified.changed(candidate, strength), theta)
-        return (
-            {}
-            if isinstance(candidate, SensorGain | LoadGain | RecordGain) and _is_no_gain(base, fitted)
-            else _stored(fitted)
-        )
+        return {} if isinstance(candidate, Gain) and _is_no_gain(base, fitted) else _stored(fitted)
     except (StructidError, np.linalg.LinAlgError):
         return {}
 
@@ -255,7 +251,7 @@ def fit_fully(base: FittedModel, item: RefitTask, tools: TaskContext) -> StoredF
 def _is_no_gain(base: FittedModel, fitted: FittedModel) -> bool:
     """True where a fitted channel gain is beyond `MOST_GAIN` or its inverse, and is not the factor of a mistaken unit."""
     candidate = fitted.cause
-    assert isinstance(candidate, SensorGain | LoadGain | RecordGain)
+    assert isinstance(candidate, Gain)
     added = [value for name, value in fitted.values.items() if name not in base.values and value > 0]
     return any(abs(np.log(value)) > np.log(MOST_GAIN) and not candidate.mistaken_unit(value) for value in added)
 

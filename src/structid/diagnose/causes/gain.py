@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -30,11 +31,24 @@ _ALL_SENSORS = "all sensors"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SensorGain(Candidate):
+class Gain(Candidate):
+    """One gain of channels of a record, which a calibration that is off gives, or a unit that was read by mistake."""
+
+    record: int | None = 0
+
+    @abstractmethod
+    def mistaken_unit(self, gain: float | None) -> str:
+        """The unit, in words, that channels with the factor `gain` were read in by mistake; "" where none fits within 5 %."""
+
+    def named_kind(self, value: float | None) -> str:
+        return "unit" if self.mistaken_unit(value) else self.kind
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorGain(Gain):
     """A sensor that reads too much or too little; the strength is the logarithm of its gain."""
 
     kind: ClassVar[str] = "sensor_gain"
-    record: int | None = 0
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
@@ -55,17 +69,14 @@ class SensorGain(Candidate):
 
     def mistaken_unit(self, gain: float | None) -> str:
         """The unit, in words, that a sensor with the factor `gain` was read in by mistake; "" where none fits within 5 %."""
-        return _unit_of_motion(self.where[0], gain)
-
-    def named_kind(self, value: float | None) -> str:
-        return "unit" if self.mistaken_unit(value) else self.kind
+        return _unit_of_motion(gain, parse_dof(self.where[0]).is_rotation)
 
     def sentence(self, value: float | None) -> str:
         return gain_sentence(f"sensor {self.where[0]}", self.mistaken_unit(value), value)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LoadGain(Candidate):
+class LoadGain(Gain):
     """A load, or the motion of a support, that reads too much or too little; the strength is minus the logarithm of its gain.
 
     `is_motion` of a support that drives the structure, and `is_alone` where nothing else drives it.
@@ -73,7 +84,6 @@ class LoadGain(Candidate):
 
     kind: ClassVar[str] = "load_gain"
     begins_at_start: ClassVar[bool] = True
-    record: int | None = 0
     is_motion: bool = False
     is_alone: bool = False
 
@@ -105,11 +115,8 @@ class LoadGain(Candidate):
         For a force it is the inverse of `gain` that is compared with factors of units.
         """
         if self.is_motion:
-            return _unit_of_motion(self.where[0], gain)
+            return _unit_of_motion(gain, parse_dof(self.where[0]).is_rotation)
         return "" if gain is None or gain <= 0 else _unit_of_force(1 / gain)
-
-    def named_kind(self, value: float | None) -> str:
-        return "unit" if self.mistaken_unit(value) else self.kind
 
     def sentence(self, value: float | None) -> str:
         """A clause that names the load or support and its gain `value`; without a number if it is None."""
@@ -120,7 +127,7 @@ class LoadGain(Candidate):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RecordGain(Candidate):
+class RecordGain(Gain):
     """All sensors of a record that read too much or too little by one factor; the strength is the logarithm of this.
 
     Responses do not distinguish it from the inverse factor on all loads. With one load that is `LoadGain`.
@@ -137,7 +144,6 @@ class RecordGain(Candidate):
 
     kind: ClassVar[str] = "record_gain"
     begins_at_start: ClassVar[bool] = True
-    record: int | None = 0
     are_rotations: tuple[bool, ...] = (False,)
     sensor: str = ""
     record_name: str = ""
@@ -186,25 +192,19 @@ class RecordGain(Candidate):
         """
         if gain is None or gain <= 0:
             return ""
-        of_motion = ""
-        if len(self.are_rotations) == 1:
-            of_motion = mistaken_unit(math.log(gain), mistaken_motions(*self.are_rotations), _UNIT)
+        of_motion = _unit_of_motion(gain, *self.are_rotations) if len(self.are_rotations) == 1 else ""
         of_force = _unit_of_force(gain)
         sensors = f"sensor {self.sensor} is" if self.sensor else f"{_ALL_SENSORS} are"
         if not of_motion:
             return of_force and f"all loads are in another unit than stated: {of_force}"
         return f"{sensors} in another unit than stated: {of_motion}" + (of_force and f", or all loads {of_force}")
 
-    def named_kind(self, value: float | None) -> str:
-        return "unit" if self.mistaken_unit(value) else self.kind
-
     def sentence(self, value: float | None) -> str:
         words = self.mistaken_unit(value)
         if not words:
-            size = "" if value is None else f" by a factor of {value:.4g}"
             inverse = "" if value is None or value <= 0 else f" by {1 / value:.4g}"
             sensors = f"sensor {self.sensor}" if self.sensor else _ALL_SENSORS
-            words = f"the calibration of {sensors} is off{size}, or that of all loads{inverse}"
+            words = f"{gain_sentence(sensors, '', value)}, or that of all loads{inverse}"
         return words + (f" in record {self.record_name}" if self.record_name else "")
 
 
@@ -214,11 +214,11 @@ def _log_gains(units: Sequence[tuple[float, str, str]]) -> FloatArray:
     return np.concatenate([FACTORS, -FACTORS, factors, -factors])
 
 
-def _unit_of_motion(place: str, gain: float | None) -> str:
-    """The unit, in words, that the motion at `place` was read in by mistake; "" where none has the factor `gain`."""
+def _unit_of_motion(gain: float | None, is_rotation: bool) -> str:
+    """The unit, in words, that a motion was read in by mistake; "" where none has the factor `gain`."""
     if gain is None or gain <= 0:
         return ""
-    return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(place).is_rotation), _UNIT)
+    return mistaken_unit(math.log(gain), mistaken_motions(is_rotation), _UNIT)
 
 
 def _unit_of_force(size: float) -> str:
