@@ -127,8 +127,9 @@ class Point:
         their strengths and some more, the others with every second strength.
         """
         keys = [self._key(candidate) for candidate in candidates]
-        first = dict(zip(reversed(keys), reversed(candidates), strict=True))  # of each key its first candidate
-        first = {key: first[key] for key in dict.fromkeys(keys)}
+        first: dict[_Key, Candidate] = {}
+        for key, candidate in zip(keys, candidates, strict=True):
+            first.setdefault(key, candidate)
         known = dict(zip(first, self._first_screening(list(first.values())), strict=True))
         kinds = defaultdict[str, list[int]](list)
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
