@@ -105,9 +105,10 @@ def search_parameters(
         search = Search(seed=options.seed, start=regular.theta if method.is_matrix_free else None)
     else:
         search = _search_starts(problems, regular.problems, options, wide)
-    names = joint_problem(regular.problems).names
-    if near is not None and set(names) <= near.keys():
-        search = replace(search, near=np.array([near[name] for name in names]))
+    if near is not None:
+        names = joint_problem(regular.problems).names
+        if set(names) <= near.keys():
+            search = replace(search, near=np.array([near[name] for name in names]))
     is_staged = options.pole_free_start and regular.theta is None and not is_local
     trials = PolarityTrials.begun(regular.problems, {} if near is None else near)
     while trials.pending:
