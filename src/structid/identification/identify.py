@@ -208,9 +208,13 @@ def _checked_setups(setups: Iterable[AnySetup], options: IdentifyOptions) -> tup
     setups = tuple(setups)
     for number, setup in enumerate(setups):
         require_class(f"setups[{number}]", setup, RecordSetup, "make it by `Setup`, `TimeSetup` or `ModalSetup`")
-        record = setup.record_class
-        for name, kind in (("structure", Structure), ("parameters", Parameters), ("record", record)):
-            require_class(f"setups[{number}].{name}", getattr(setup, name), kind, _MADE_BY[name])
+        parts = (
+            ("structure", setup.structure, Structure),
+            ("parameters", setup.parameters, Parameters),
+            ("record", setup.record, setup.record_class),
+        )
+        for name, part, kind in parts:
+            require_class(f"setups[{number}].{name}", part, kind, _MADE_BY[name])
     if not setups:
         raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
     require_class("options", options, IdentifyOptions, "make it as in `IdentifyOptions(band=(5, 100))`")
