@@ -53,6 +53,12 @@ NODES = {
 }
 
 
+def legs_with_axes(nodes, pairs, orientation):
+    """A set of beams, and the local axes of each, (n_beams, 3) by name."""
+    beam = sid.SpaceBeam("legs", pairs, 1.0, 2.0, 3.0, orientation=orientation)
+    return beam, {name: axis[:, :3] for name, axis in beam.section_directions(nodes).items()}
+
+
 @pytest.mark.parametrize(
     ("pairs", "guide"),
     [
@@ -64,12 +70,8 @@ NODES = {
     ],
 )
 def test_the_new_direction_exchanges_the_local_axes_of_every_beam(pairs, guide):
-    def section(orientation):
-        beam = sid.SpaceBeam("legs", pairs, 1.0, 2.0, 3.0, orientation=orientation)
-        return beam, {name: axis[:, :3] for name, axis in beam.section_directions(NODES).items()}
-
-    beam, drawn = section(guide)
-    _, turned = section(turned_orientation(beam, NODES))
+    beam, drawn = legs_with_axes(NODES, pairs, guide)
+    _, turned = legs_with_axes(NODES, pairs, turned_orientation(beam, NODES))
     for one, other in (("VY", "VZ"), ("VZ", "VY")):
         np.testing.assert_allclose(np.abs((turned[one] * drawn[other]).sum(axis=1)), 1.0, rtol=1e-9)
 
@@ -90,12 +92,8 @@ INCLINED = {1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 2.0), 3: (5.0, 0.0, 0.0), 4: (5.0,
 
 @pytest.mark.parametrize("guide", [None, [0, 0, 1], [1, 0, 0], [0, 1, 0], [1, 2, 3]])
 def test_beams_inclined_in_two_planes_are_turned_by_one_direction(guide):
-    def sections(orientation):
-        beam = sid.SpaceBeam("legs", [[1, 2], [3, 4]], 1.0, 2.0, 3.0, orientation=orientation)
-        return beam, {name: axis[:, :3] for name, axis in beam.section_directions(INCLINED).items()}
-
-    beam, drawn = sections(guide)
-    _, turned = sections(turned_orientation(beam, INCLINED))
+    beam, drawn = legs_with_axes(INCLINED, [[1, 2], [3, 4]], guide)
+    _, turned = legs_with_axes(INCLINED, [[1, 2], [3, 4]], turned_orientation(beam, INCLINED))
     np.testing.assert_allclose(np.abs((turned["VY"] * drawn["VZ"]).sum(axis=1)), 1.0, rtol=1e-9)
 
 
