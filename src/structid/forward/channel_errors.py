@@ -42,7 +42,7 @@ class ChannelsOfRecord(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ChannelErrors(NamedUnknowns):
-    """Errors of the channels of one record, as named parameters; made by `channel_unknowns.channel_errors`.
+    """Errors of the channels of one record, as named parameters; made by `channel_errors`.
 
     The logarithm of a channel's reading over the truth is the sum of the logarithms of its gains, less s times the sum
     of its delays. A delay is judged against one radian at the highest line.

@@ -31,8 +31,6 @@ _BARE = (
     "no shape entry is known: modes are paired by frequency alone, and one that the test missed, or that the model has"
     " elsewhere, moves all values; one shape entry at one sensor helps"
 )
-
-
 #: Factor beyond the model's range of frequencies, at its initial values, from where on a measured mode is none of the model
 #: whatever the values are: initial stiffnesses are rarely off by more than a factor of 4, which moves frequencies by 2.
 _FAR_BEYOND = 2.0
