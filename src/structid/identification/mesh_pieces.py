@@ -157,8 +157,9 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
     columns = indices_of(before.names, after.names)
     deviation = _deviation(divided)
     shift = np.abs(after.values - before.values[columns]) / np.where(deviation > 0, deviation, np.nan)
-    farthest = int(np.nan_to_num(shift).argmax())
-    moved = _rounded(float(np.nan_to_num(shift)[farthest]))
+    shift = np.nan_to_num(shift)
+    farthest = int(shift.argmax())
+    moved = _rounded(float(shift[farthest]))
     words = (
         f"each element of {join_words(names, 4)} was divided into {count} equal pieces, which moved values by up to {moved}"
         f" standard deviations ({after.names[farthest]}); `subdivide = 1` in [structure] keeps the mesh as drawn"
