@@ -492,8 +492,6 @@ def _backward_error(handle: _Handle, values: NumberArray, right: NumberArray, so
 
     `values` are the entries of the upper triangle. The common denominator |A| |x| + |b| would hide singular matrices.
     """
-    from scipy import sparse
-
     held = handle.held
     upper = sparse.csr_array((values, held.indices, held.indptr), (held.n, held.n))
     product = upper @ solution + sparse.triu(upper, 1).T @ solution

@@ -273,17 +273,14 @@ def _encode_binary(strings: _Strings, options: Op4Options) -> bytes:
     `strings` are its entries; `options` give byte order, word size and precision.
     """
     kind = _WordFormat("<" if options.byte_order == "little" else ">", options.words // 8)
-    rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
     name = strings.name.upper().ljust(2 * kind.word).encode("ascii")
-    head = struct.pack(f"{kind.order}4{kind.integer}", strings.shape[1], rows, strings.form, strings.kind)
+    head = struct.pack(f"{kind.order}4{kind.integer}", strings.shape[1], strings.stated_rows, strings.form, strings.kind)
     parts = [_frame_record(head + name, kind)]
     size = 4 if options.single and kind.word == 4 else 8
     numbers = strings.numbers.astype(f"{kind.order}f{size}").tobytes()
     per_entry = (2 if strings.kind > 2 else 1) * size
     byte, byte_end = strings.first * per_entry, (strings.first + strings.length) * per_entry
-    begins = np.flatnonzero(np.diff(strings.column, prepend=-1))
-    ends = np.append(begins[1:], len(strings.column))
-    for a, b in zip(begins.tolist(), ends.tolist(), strict=True):
+    for a, b in strings.column_ranges:
         body = []
         for s in range(a, b):
             data = numbers[byte[s] : byte_end[s]]
@@ -494,18 +491,15 @@ def _encode_text(strings: _Strings, options: Op4Options) -> bytes:
     """
     digits, per_line = (9, 5) if options.single else (16, 3)
     width = digits + 7 if options.single else digits + 8  # a third digit of an exponent fits
-    rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
     name = strings.name.upper().ljust(8)
     wide, mark = (16, "|I16") if max(strings.shape) > 9_999_999 else (8, "")
-    title = f"{strings.shape[1]:{wide}d}{rows:{wide}d}{strings.form:8d}{strings.kind:8d}{name}"
+    title = f"{strings.shape[1]:{wide}d}{strings.stated_rows:{wide}d}{strings.form:8d}{strings.kind:8d}{name}"
     lines = [f"{title}1P,{per_line}E{width}.{digits}{mark}"]
     parts = 2 if strings.kind > 2 else 1
     words = parts * (1 if options.single else 2)
     texts = [f"{number:{width}.{digits}E}" for number in strings.numbers.tolist()]
-    begins = np.flatnonzero(np.diff(strings.column, prepend=-1))
-    ends = np.append(begins[1:], len(strings.column))
     head = {"dense": 0, "sparse": 1, "bigmat": 2}[strings.layout]
-    for a, b in zip(begins.tolist(), ends.tolist(), strict=True):
+    for a, b in strings.column_ranges:
         dense = strings.layout == "dense"
         total = sum(int(strings.length[s]) * (parts if dense else words) + head for s in range(a, b))
         lines.append(f"{strings.column[a] + 1:8d}{strings.row[a] + 1 if dense else 0:8d}{total:8d}")
@@ -557,6 +551,17 @@ class _Strings:
     def numbers(self) -> AnyArray:
         """The values as real numbers, real and imaginary parts in turn where complex."""
         return self.values.view(np.float64) if np.iscomplexobj(self.values) else self.values
+
+    @property
+    def stated_rows(self) -> int:
+        """Number of rows as a header states it: negative in the layout "bigmat"."""
+        return -self.shape[0] if self.layout == "bigmat" else self.shape[0]
+
+    @property
+    def column_ranges(self) -> list[tuple[int, int]]:
+        """Index of the first string of each column that has any, and of the first behind."""
+        begins = np.flatnonzero(np.diff(self.column, prepend=-1)).tolist()
+        return list(pairwise([*begins, len(self.column)]))
 
 
 def _strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, single: bool) -> _Strings:

@@ -174,9 +174,8 @@ def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
 
     Raises `FileError`, which names `path`, if nodes of an element cannot be read.
     """
-    scopes = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
     tables: dict[tuple[str, int, bool], dict[int, list[int]]] = {}
-    for scope in scopes:
+    for scope in assembly.all_scopes:
         for name, table in scope.elements.items():
             if scope is assembly.own and is_part(name):
                 continue  # masses and springs of the assembly do not make a node one of the mesh
@@ -303,7 +302,7 @@ def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...
     `axes` are the directions of motion of nodes that have their own, by label. Empty if there is nothing to say.
     """
     notes = []
-    scopes = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
+    scopes = assembly.all_scopes
     if any(block.keyword == "BOUNDARY" for scope in scopes for block in scope.blocks):
         notes.append("its *BOUNDARY is not read: supports are those of the study")
     overlong = sorted({kind for scope in scopes for kind in scope.overlong})
@@ -353,7 +352,7 @@ class _SectionOffsets:
         Parts that cannot be taken say why in `obstacle`.
         """
         parts = []
-        every = [*self._assembly.scopes, *([self._assembly.own] if self._assembly.own is not None else [])]
+        every = self._assembly.all_scopes
         for keyword in _SECTIONS:
             kind = f"{keyword} OFFSET"
             items = []

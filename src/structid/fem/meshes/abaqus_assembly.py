@@ -277,17 +277,21 @@ class Assembly:
     shifts: dict[str, int] = field(default_factory=dict)
     owners: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def all_scopes(self) -> list[PartData]:
+        """The instances in order, and behind them the assembly itself if there is one."""
+        return [*self.scopes, *([self.own] if self.own is not None else [])]
+
     def number(self) -> None:
         """Set the shift of the labels of each instance and of the assembly itself, in `shifts`.
 
         It is 0 if no node or element label repeats those before, else the index of the instance times a power of ten.
         """
-        scopes = [*self.scopes, *([self.own] if self.own is not None else [])]
-        labels = [_labels(scope) for scope in scopes]
+        labels = [_labels(scope) for scope in self.all_scopes]
         highest = max((max(pair[k], default=0) for pair in labels for k in (0, 1)), default=0)
         step = 10 ** len(str(highest))
         used: tuple[set[int], set[int]] = (set(), set())
-        for index, (scope, pair) in enumerate(zip(scopes, labels, strict=True)):
+        for index, (scope, pair) in enumerate(zip(self.all_scopes, labels, strict=True)):
             repeats = bool(used[0] & pair[0] or used[1] & pair[1])
             self.shifts[scope.name.upper()] = index * step if repeats else 0
             shift = self.shifts[scope.name.upper()]

@@ -106,21 +106,16 @@ class _AssemblyContext:
         """Nodes of shells and beams."""
         return frozenset(
             self.assembly.node(scope, word)
-            for scope in self.scopes
+            for scope in self.assembly.all_scopes
             for kind, table in scope.elements.items()
             if re.fullmatch(r"(?:S|STRI|B2|B3)\d.*", kind)
             for words in table.values()
             for word in words
         )
 
-    @property
-    def scopes(self) -> list[PartData]:
-        own = self.assembly.own
-        return [*self.assembly.scopes, *([own] if own is not None else [])]
-
     def blocks(self, *keywords: str) -> Iterator[tuple[PartData, KeywordBlock]]:
         """Every block with one of the `keywords`, with the scope that it stands in."""
-        for scope in self.scopes:
+        for scope in self.assembly.all_scopes:
             for block in scope.blocks:
                 if block.keyword in keywords:
                     yield scope, block
@@ -242,7 +237,7 @@ def read_parts(
         parts += [DeckPart(keyword, count, obstacle=why)] if count else []
     counts: dict[str, int] = {}
     read_kinds = {"MASS", "ROTARYI"} | {kind for kinds in _SPRINGS.values() for kind in kinds}
-    for scope in deck.scopes:
+    for scope in deck.assembly.all_scopes:
         for kind, table in scope.elements.items():
             if is_part(kind) and kind not in read_kinds:
                 counts[kind] = counts.get(kind, 0) + len(table)
@@ -440,7 +435,7 @@ def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> li
     """
     if not name:
         return []
-    kinds = sorted({kind for holder in deck.scopes for kind in holder.elements})
+    kinds = sorted({kind for holder in deck.assembly.all_scopes for kind in holder.elements})
     return sorted({node for _, nodes in deck.elements_of(scope, name, kinds) for node in nodes})
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -178,7 +178,7 @@ def _read_elements_2(content: _Content, numbers: _Numbers) -> None:
     """
     total = int(numbers.counts(1)[0])
     by_kind: dict[int, list[tuple[IntArray, IntArray]]] = {}
-    for kind, tags, rows in numbers.old_elements(total, lambda kind: _known(kind)[1]):
+    for kind, tags, rows in numbers.old_elements(total):
         by_kind.setdefault(kind, []).append((tags, rows))
     for kind, parts in by_kind.items():
         tags, rows = (np.concatenate(tables) for tables in zip(*parts, strict=True))
@@ -277,8 +277,8 @@ class _Numbers(Protocol):
         """Numbers and positions of the nodes of version 2."""
         ...
 
-    def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
-        """The elements of version 2, neighbours of one type together; `width` is the number of nodes of a type."""
+    def old_elements(self, count: int) -> Iterator[Cells]:
+        """The `count` elements of version 2, neighbours of one type together."""
         ...
 
 
@@ -339,18 +339,17 @@ class _Ascii:
         table = self._next(4 * count).reshape(count, 4)
         return table[:, 0].astype(np.int64), table[:, 1:].astype(np.float64)
 
-    def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+    def old_elements(self, count: int) -> Iterator[Cells]:
         """Runs of neighbouring elements of one type in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
 
-        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements; `width` returns the
-        number of nodes of a type.
+        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements.
         """
         assert self._words is not None
         numbers = self._words[self._at :].astype(np.int64)
         begin, elements = 0, []
         for _ in range(count):
             kind, n_tags = int(numbers[begin + 1]), int(numbers[begin + 2])
-            stop = begin + 3 + n_tags + width(kind)
+            stop = begin + 3 + n_tags + _known(kind)[1]
             if stop > len(numbers):
                 raise ValueError("a section ends too soon")
             tags = [*numbers[begin + 3 : begin + 3 + min(n_tags, 2)].tolist(), 0, 0][:2]
@@ -409,18 +408,17 @@ class _Binary:
         table = self._next(np.dtype([("label", self._order + "i4"), ("at", self._order + "f8", (3,))]), count)
         return table["label"].astype(np.int64), table["at"].astype(np.float64)
 
-    def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+    def old_elements(self, count: int) -> Iterator[Cells]:
         """Blocks of elements in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
 
-        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements; `width` returns the
-        number of nodes of a type.
+        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements.
         """
         done = 0
         while done < count:
             kind, n_elements, n_tags = self.integers(3).tolist()
             if n_elements < 1:
                 raise ValueError("a block of elements is empty")
-            rows = self.integers(n_elements * (1 + n_tags + width(kind))).reshape(n_elements, -1)
+            rows = self.integers(n_elements * (1 + n_tags + _known(kind)[1])).reshape(n_elements, -1)
             tags = np.pad(rows[:, 1 : 1 + min(n_tags, 2)], ((0, 0), (0, 2 - min(n_tags, 2))))
             yield kind, tags, rows[:, 1 + n_tags :]
             done += n_elements

@@ -215,7 +215,7 @@ def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> I
 
     Without such a card it is the element's own number. `name` is the card of the elements, `cards` are those of the deck.
     """
-    default = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}.get(name, "")
+    default = _BARS.get(name, "")
     if default not in cards or cards[default].is_blank(1).all():
         return labels
     return np.full_like(labels, cards[default].integers(1)[0])

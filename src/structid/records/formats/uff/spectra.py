@@ -69,11 +69,12 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     InputError
         If an option does not apply, or names a channel that the file lacks.
     """
-    pairs = _read_pairs(path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)")
-    blocks, by_pair, factors, windows = pairs
-    to_hertz, axis_words = one_axis_unit(path, list(by_pair.values()), "frequencies", options)
-    channels, references = _complete_references(path, by_pair, by_pair, "cross-spectra")
+    blocks, by_pair, factors, windows = _read_pairs(
+        path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)"
+    )
     functions = list(by_pair.values())
+    to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
+    channels, references = _complete_references(path, by_pair, by_pair, "cross-spectra")
     frequency = functions[0].axis * to_hertz
     for function in functions:
         if (
