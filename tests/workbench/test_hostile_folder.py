@@ -83,11 +83,12 @@ def test_a_hostile_folder_is_listed_in_a_moment(hostile):
 
 @pytest.mark.parametrize("content", HOSTILE_LINES, ids=range(len(HOSTILE_LINES)))
 def test_no_line_of_a_megabyte_holds_the_list_up(content, tmp_path):
+    """A linear pattern takes 10 ms at most on a slow machine, one that goes back takes seconds."""
     for suffix in (".txt", ".csv", ".json", ".uff", ".pch"):
         path = tmp_path / f"line{suffix}"
         path.write_bytes(content)
-        assert processor_seconds(holds_modes, path) <= 0.010, suffix
-        assert processor_seconds(holds_numbers, path) <= 0.010, suffix
+        assert processor_seconds(holds_modes, path) <= 0.1, suffix
+        assert processor_seconds(holds_numbers, path) <= 0.1, suffix
 
 
 def test_a_list_knows_tables_of_numbers_and_of_modes(tmp_path):
