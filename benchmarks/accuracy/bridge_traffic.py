@@ -27,7 +27,9 @@ from virtual_sensing import STEPS, moved_by, sampled
 
 import structid as sid
 from structid.prediction.identified_model import IdentifiedModel, identified_model
-from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
+from structid.prediction.sensing.forces import UnknownForces
+from structid.prediction.sensing.result import SensedMotion
+from structid.prediction.sensing.sense import sense
 
 RATE = 100.0
 SPANS, LENGTH = (9, 11, 9), 3.0

@@ -21,7 +21,9 @@ from virtual_sensing import STEPS, moved_by, random_force, sampled
 
 import structid as sid
 from structid.prediction.identified_model import IdentifiedModel, identified_model
-from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
+from structid.prediction.sensing.forces import UnknownForces
+from structid.prediction.sensing.result import SensedMotion
+from structid.prediction.sensing.sense import sense
 
 RATE, CORRELATION, FORCE = 1000.0, 2e-3, 10.0
 COLUMNS, ROWS = 8, 6

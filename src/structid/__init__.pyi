@@ -105,10 +105,10 @@ from structid.prediction.quantities import NaturalModes as NaturalModes
 from structid.prediction.quantities import RootMeanSquare as RootMeanSquare
 from structid.prediction.quantities import Spectrum as Spectrum
 from structid.prediction.quantities import support_acceleration as support_acceleration
+from structid.prediction.sensing.forces import UnknownForces as UnknownForces
+from structid.prediction.sensing.sense import sense as sense
 from structid.prediction.state_space import state_space as state_space
 from structid.prediction.tuned_damper import tune_damper as tune_damper
-from structid.prediction.virtual_sensing import UnknownForces as UnknownForces
-from structid.prediction.virtual_sensing import sense as sense
 from structid.records import CsvLayout as CsvLayout
 from structid.records import FrfRecord as FrfRecord
 from structid.records import Preparation as Preparation

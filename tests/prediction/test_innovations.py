@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structid.prediction.innovations import Innovations, judge_innovations
+from structid.prediction.sensing.innovations import Innovations, judge_innovations
 
 N_TIMES = 400
 

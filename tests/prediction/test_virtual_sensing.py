@@ -1,6 +1,5 @@
 """The smoother against a batch estimate with whole covariance matrices, and its words."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +8,14 @@ from scipy import linalg, signal
 
 import structid as sid
 from structid.core.errors import InputError, NoAnswerError
-from structid.prediction import virtual_sensing
 from structid.prediction.identified_model import identified_model
 from structid.prediction.recovery import parse_output
-from structid.prediction.virtual_sensing import _sum_of_powers
+from structid.prediction.sensing import force_search, kalman_filter, undetermined
+from structid.prediction.sensing import sense as sensing
+from structid.prediction.sensing.force_search import ChosenForces
+from structid.prediction.sensing.forces import ForceModel, ForceProcess
+from structid.prediction.sensing.kalman_filter import sum_of_powers
+from structid.prediction.sensing.smoother import error_spectra
 
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
@@ -133,13 +136,13 @@ def test_a_correlation_time_without_a_steady_filter_is_never_the_likeliest(monke
         unknown = sid.UnknownForces(["2X"])
         return sid.sense(make_model(), record, ["2X"], unknown=unknown, n_draws=0, is_filtered=False).correlation_time
 
-    expected, calls, covariance = sensed_time(), [], virtual_sensing._predicted_covariance
+    expected, calls, covariance = sensed_time(), [], kalman_filter._predicted_covariance
 
     def indefinite_once(system):
         calls.append(system)
         return covariance(system) * (-1e9 if len(calls) == 1 else 1)
 
-    monkeypatch.setattr(virtual_sensing, "_predicted_covariance", indefinite_once)
+    monkeypatch.setattr(kalman_filter, "_predicted_covariance", indefinite_once)
     assert sensed_time() == pytest.approx(expected)
 
 
@@ -353,39 +356,37 @@ def test_bands_of_slow_motion_that_rest_on_the_spectrum_of_the_forces_are_told()
     assert "such a band rests on the spectrum" not in words("displacement", CORRELATION, FORCE)
 
 
-def test_each_output_whose_band_rests_on_the_spectrum_is_named():
+def test_each_output_whose_band_rests_on_the_spectrum_is_named(monkeypatch):
     """The slow part of one output is not hidden by those that are told, or do not move at all."""
-    frequency = np.geomspace(1 / 10.0, RATE / 2, virtual_sensing._LOOKED_AT)
+    frequency = np.geomspace(1 / 10.0, RATE / 2, undetermined._LOOKED_AT)
     flat, slow = np.ones(len(frequency)), np.where(frequency < 1.0, 1.0, 1e-3)
     before = np.column_stack([flat, slow, 0 * flat, *[1e6 * flat] * 5, *[slow] * 4])
     after = np.column_stack([0.4 * flat, slow, 0 * flat, *[4e5 * flat] * 5, *[slow] * 4])
-    smoother = SimpleNamespace(rate=RATE, driving=np.zeros((500, 0)), spectra=lambda *_: (before, after))
+    monkeypatch.setattr(undetermined, "error_spectra", lambda *_: (before, after))
+    setup = SimpleNamespace(rate=RATE, driving=np.zeros((500, 0)))
     force = parse_output("N[bars:1@0]")
     outputs = (*(sid.parse_dof(f"{k}X") for k in range(1, 9)), force, *(sid.parse_dof(f"{k}X") for k in (9, 10, 11)))
-    chosen = SimpleNamespace(smoother=smoother, std=1.0)
-    (words,) = virtual_sensing._slow_words(chosen, None, outputs, "velocity")
+    (words,) = undetermined.slow_motion_words(setup, None, None, outputs, "velocity")
     assert "less than half of the velocity at 2X+, N[bars:1@0], the velocity at 9X+ and 2 more, and" in words
     assert "nan" not in words
-    assert virtual_sensing._slow_words(chosen, None, outputs[:1], "velocity") == ()
+    assert undetermined.slow_motion_words(setup, None, None, outputs[:1], "velocity") == ()
 
 
 def test_trials_of_a_frequency_without_an_answer_are_no_end_of_the_search(monkeypatch):
     """The first size and some trials have none."""
-    original, tried = virtual_sensing._Smoother._stationary, []
+    original, tried = force_search.state_equations, []
 
-    def failing(self, system, noise):
-        tried.extend([1] * bool(self.frequency))
-        if self.frequency and len(tried) in (1, 2, 6, 9):
+    def failing(setup, reduced, process):
+        tried.extend([1] * bool(process.frequency))
+        if process.frequency and len(tried) in (1, 2, 6, 9):
             raise np.linalg.LinAlgError if len(tried) % 2 else NoAnswerError
-        return original(self, system, noise)
+        return original(setup, reduced, process)
 
-    def first_choice(self, reduced, std):
-        return virtual_sensing._ChosenForces(replace(self, correlation_time=CORRELATION), FORCE, True, -1e9)
-
-    monkeypatch.setattr(virtual_sensing._Smoother, "with_likeliest_time", first_choice)
-    monkeypatch.setattr(virtual_sensing._ChosenForces, "with_likeliest_order", lambda *_: None)
-    monkeypatch.setattr(virtual_sensing, "_MOST_TRIALS", 12)
-    monkeypatch.setattr(virtual_sensing._Smoother, "_stationary", failing)
+    chosen = ChosenForces(ForceProcess(CORRELATION, FORCE), True, -1e9)
+    monkeypatch.setattr(sensing, "likeliest_time", lambda *_: chosen)
+    monkeypatch.setattr(sensing, "likeliest_order", lambda *_: None)
+    monkeypatch.setattr(force_search, "_MOST_TRIALS", 12)
+    monkeypatch.setattr(force_search, "state_equations", failing)
     fine = FORCE * np.sin(2 * np.pi * 3.3 * np.arange(1200) / RATE / 8)[:, None]
     motion = sid.predict(make_model(), sid.History(["1X", "2X"], ["2X"], fine, 8 * RATE), n_draws=50).values[::8]
     noisy = motion + 0.1 * np.random.default_rng(13).standard_normal(motion.shape)
@@ -400,13 +401,13 @@ def test_spectra_of_what_the_record_leaves_open_sum_to_the_variance(monkeypatch)
     states, _, _, rng = simulate(400, 3)
     record = sid.TimeRecord(RATE, measured(states, rng, 0.5), ["1X"], ["acceleration"], variance=np.full(1, 0.25))
     judged = []
-    within = virtual_sensing._within_uncertainty
-    monkeypatch.setattr(virtual_sensing, "_within_uncertainty", lambda *given: judged.append(given) or within(*given))
+    within = sensing._within_uncertainty
+    monkeypatch.setattr(sensing, "_within_uncertainty", lambda *given: judged.append(given) or within(*given))
     unknown = sid.UnknownForces(["2X"], CORRELATION, FORCE)
     found = sid.sense(make_model(), record, ["2X"], unknown=unknown, n_draws=0, is_filtered=False)
-    [(chosen, reduced, _, _)] = judged
+    [(setup, process, reduced, _, _)] = judged
     lines = (np.arange(2000) + 0.5) / 2000 * RATE / 2
-    before, after = chosen.smoother.spectra(reduced, FORCE, lines)
+    before, after = error_spectra(setup, reduced, process, lines)
     assert after.mean(axis=0)[0] == pytest.approx(found.std[200, 0] ** 2, rel=1e-3)
     assert before.mean(axis=0)[-1] == pytest.approx(FORCE**2, rel=1e-3)
 
@@ -415,7 +416,7 @@ def test_spectra_of_what_the_record_leaves_open_sum_to_the_variance(monkeypatch)
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_forces_of_higher_order_fall_steeply_and_their_correlation_has_the_stated_integral(order, frequency):
     """Impulse responses of the chain of low-passes by matrix exponentials; far above the band its power falls by 4 an octave."""
-    force = virtual_sensing._ForceModel.of(0.3, frequency, order, None)
+    force = ForceModel.of(ForceProcess(0.3, 1.0, frequency, order), None)
     covariance = linalg.solve_continuous_lyapunov(force.dynamics, -np.diag(force.noise))
     step = linalg.expm(0.01 * force.dynamics)
     correlation, state = [], covariance @ force.output
@@ -524,7 +525,7 @@ def test_a_decay_under_a_known_force_of_nothing_has_an_honest_deviation(tap):
 def test_information_on_states_that_hardly_fade_keeps_its_digits():
     step, matrix = np.diag([1 - 1e-14, 0.5]), np.array([[1.0, 0.1], [0.1, 2.0]])
     direct = sum(np.linalg.matrix_power(step.T, k) @ matrix @ np.linalg.matrix_power(step, k) for k in range(13))
-    assert _sum_of_powers(step.T, matrix, step, 13) == pytest.approx(direct, rel=1e-12)
+    assert sum_of_powers(step.T, matrix, step, 13) == pytest.approx(direct, rel=1e-12)
 
 
 def test_uncertain_models_widen_the_deviation():

@@ -5,7 +5,7 @@ import pytest
 from page_parts import as_array, figures, words
 
 from structid.core.dof import parse_dofs
-from structid.prediction.virtual_sensing import LeftOutSensor, SensedMotion
+from structid.prediction.sensing.result import LeftOutSensor, SensedMotion
 from structid.report.sensing import sensing_page
 
 

@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.quantities import number
-from structid.prediction.virtual_sensing import LARGEST_CHECK, SensedMotion
+from structid.prediction.sensing.result import LARGEST_CHECK, SensedMotion
 from structid.report.figures.sensing import forces_figure, left_out_figure, sensed_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed

@@ -274,7 +274,9 @@ def _encode_binary(strings: _Strings, options: Op4Options) -> bytes:
     """
     kind = _WordFormat("<" if options.byte_order == "little" else ">", options.words // 8)
     name = strings.name.upper().ljust(2 * kind.word).encode("ascii")
-    head = struct.pack(f"{kind.order}4{kind.integer}", strings.shape[1], strings.stated_rows, strings.form, strings.kind)
+    head = struct.pack(
+        f"{kind.order}4{kind.integer}", strings.shape[1], strings.stated_rows, strings.form, strings.kind
+    )
     parts = [_frame_record(head + name, kind)]
     size = 4 if options.single and kind.word == 4 else 8
     numbers = strings.numbers.astype(f"{kind.order}f{size}").tobytes()

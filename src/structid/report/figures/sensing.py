@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from structid.core.arrays import FloatArray, thin_band, thin_curve
 from structid.prediction.recovery import output_unit
-from structid.prediction.virtual_sensing import SensedMotion
+from structid.prediction.sensing.result import SensedMotion
 from structid.records.record import QUANTITY_UNITS
 from structid.report.drawing import palette
 from structid.report.figures.prediction import MOST_POINTS, band, one_at_a_time, thinning_clause

@@ -1,0 +1,281 @@
+"""Kalman filter with steady gains over a record, its likelihood and its innovations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, square_root
+from structid.core.errors import NoAnswerError
+from structid.dynamics.exact_discretization import stepped
+from structid.prediction.poles import ReducedMatrices
+from structid.prediction.sensing.forces import ForceProcess
+from structid.prediction.sensing.innovations import Innovations
+from structid.prediction.sensing.setup import SensingSetup
+from structid.prediction.sensing.state_equations import (
+    StateEquations,
+    state_equations,
+    stationary_covariance,
+    symmetric,
+)
+
+#: By how much rounding may let an error of a state seem to grow from reading to reading; more is a filter that has lost its digits.
+_UNSTABLE = 1e-9
+#: Times that a matrix is squared to see that its powers fade.
+_SQUARINGS = 12
+#: Largest doublings of the number of samples after which the covariance must have settled, and by what part it may still grow.
+_DOUBLINGS, _CONVERGED = 40, 1e-12
+#: Size of known forces, and of motion without unknown ones, before a record over that in it.
+_BEFORE = 10.0
+#: Standard deviation that a direction of the sensors is left open by, over that of their noise, from which on forces reach it.
+_OPEN = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyFilter:
+    """A Kalman filter with steady gains, as far as all readings under the same known forces share it.
+
+    Attributes
+    ----------
+    system : StateEquations
+    entered : (n_times - 1, n_states) float array
+        Effect of the known forces on the states from sample to sample.
+    gain : (n_states, n_used) float array
+        K, the steady gain.
+    predicted, updated : (n_states, n_states) float arrays
+        Steady covariances before and after a reading.
+    keep, step : (n_states, n_states) float arrays
+        I - K C, what a reading leaves of an error before it, and A (I - K C), what is left of it before the next reading; A is
+        the transition and C reads the state.
+    sizes : (n_used,) float array
+        Variances of the innovations in the directions in which they are independent, ascending.
+    whiten : (n_used, n_used) float array
+        These directions, one a column, over the standard deviations.
+    seen : (n_used, n_states) float array
+        Reads the state in these directions.
+    information : (n_states, n_states) float array
+        That of all readings on an error of the first state.
+    first : (n_states, n_states) float array
+        Covariance of the first state, of what known and unknown forces made before the record.
+    free : (n_states, n_states) float array or None
+        Covariance of modes that moved by themselves, but for its size, which the readings give; None with unknown forces.
+    """
+
+    system: StateEquations
+    entered: FloatArray
+    gain: FloatArray
+    predicted: FloatArray
+    updated: FloatArray
+    keep: FloatArray
+    step: FloatArray
+    sizes: FloatArray
+    whiten: FloatArray
+    seen: FloatArray
+    information: FloatArray
+    first: FloatArray
+    free: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """States of a Kalman filter over a record.
+
+    Attributes
+    ----------
+    steady : SteadyFilter
+    from_rest : (n_times, n_states) float array
+        Mean before the reading of each sample if the first one were 0.
+    start : (n_states,) float array
+        Mean that the whole record gives the first state before its reading.
+    read : (n_times, n_used) float array
+        Readings without what known forces make in them at once, in standard deviations of their noise.
+    start_covariance : (n_states, n_states) float array
+        What the record leaves open of the first state, beyond the steady covariance before a reading.
+    log_likelihood : float
+        Of the record, less a constant.
+    """
+
+    steady: SteadyFilter
+    from_rest: FloatArray
+    start: FloatArray
+    read: FloatArray
+    start_covariance: FloatArray
+    log_likelihood: float
+
+    def before(self) -> FloatArray:
+        """Mean before the reading of each sample, (n_times, n_states)."""
+        at_rest = np.zeros_like(self.from_rest[1:])
+        return self.from_rest + stepped(self.steady.step, at_rest, self.start)
+
+    def prediction_errors(self) -> FloatArray:
+        """Readings less those expected from the samples before, in standard deviations of their noise, (n_times, n_used)."""
+        return self.read - self.before() @ self.steady.system.reading.T
+
+
+def fit_record(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> Filtered:
+    """The record, filtered under the equations of a model whose unknown forces are `process`."""
+    return filter_record(setup, steady_filter(setup, state_equations(setup, reduced, process)))
+
+
+def log_likelihood(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> float:
+    """Logarithm of the likelihood of the record, less a constant; -inf where the filter has no steady gains."""
+    try:
+        return fit_record(setup, reduced, process).log_likelihood
+    except NoAnswerError:
+        return -np.inf
+
+
+def steady_filter(setup: SensingSetup, system: StateEquations) -> SteadyFilter:
+    """Prepare the part of a filter under the equations `system` that all readings under the known forces share.
+
+    Before the record known forces count as noise of ten times their size, since nobody knows what they did then.
+
+    Raises `NoAnswerError` if the sensors see too little or the filter loses its digits.
+    """
+    n_samples = len(setup.channels.measured)
+    predicted = _predicted_covariance(system)
+    innovation = system.reading @ predicted @ system.reading.T + np.eye(len(system.reading))
+    gain = np.linalg.solve(innovation, system.reading @ predicted).T
+    keep = np.eye(len(predicted)) - gain @ system.reading
+    step = system.transition @ keep
+    sizes, directions = np.linalg.eigh(innovation)
+    if not (sizes[0] > 0 and _fades(step)):
+        raise NoAnswerError(
+            "the forces move the sensors by so much more than the noise that is stated that the filter loses its digits; state"
+            " the noise that the sensors really have"
+        )
+    whiten = directions / np.sqrt(sizes)
+    seen = whiten.T @ system.reading
+    constant, rising = np.hsplit(system.entry, 2)
+    pushed = _BEFORE * (constant + rising) * np.sqrt(np.mean(setup.channels.known**2, axis=0))
+    return SteadyFilter(
+        system,
+        np.asarray(np.hstack([setup.driving[:-1], setup.driving[1:]]) @ system.entry.T),
+        gain,
+        predicted,
+        predicted - gain @ innovation @ gain.T,
+        keep,
+        step,
+        sizes,
+        whiten,
+        seen,
+        symmetric(sum_of_powers(step.T, seen.T @ seen, step, n_samples)),
+        stationary_covariance(system, system.noise + pushed @ pushed.T, n_samples),
+        None if setup.n_forces else stationary_covariance(system, np.eye(len(predicted)), n_samples),
+    )
+
+
+def filter_record(setup: SensingSetup, steady: SteadyFilter) -> Filtered:
+    """Kalman filter over the record, with the estimated initial state and the log-likelihood.
+
+    A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter
+    and an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
+    """
+    system, step, rest = steady.system, steady.step, np.zeros(len(steady.step))
+    read = setup.channels.readings - setup.channels.known @ system.direct.T
+    drive = read[:-1] @ (system.transition @ steady.gain).T + steady.entered
+    from_rest = stepped(step, drive, rest)
+    error = (read - from_rest @ system.reading.T) @ steady.whiten
+    root = square_root(_first_covariance(setup, steady) - steady.predicted)
+    score = root.T @ stepped(step.T, (error @ steady.seen)[::-1], rest)[-1]
+    posterior = np.eye(root.shape[1]) + root.T @ steady.information @ root
+    start = np.linalg.solve(posterior, np.column_stack([score, root.T]))
+    likelihood = 0.5 * (score @ start[:, 0] - (error**2).sum() - np.linalg.slogdet(posterior)[1])
+    return Filtered(
+        steady,
+        from_rest,
+        root @ start[:, 0],
+        read,
+        symmetric(root @ start[:, 1:]),
+        float(likelihood - 0.5 * len(read) * np.log(steady.sizes).sum()),
+    )
+
+
+def innovations_of(fit: Filtered) -> Innovations:
+    """Readings less those that the filter expects from the samples before."""
+    steady, n = fit.steady, len(fit.steady.sizes)
+    return Innovations(
+        fit.prediction_errors() @ steady.whiten,
+        np.arange(n) >= n - steady.system.n_combined,
+        steady.sizes > 1 + _OPEN**2,
+    )
+
+
+def simulate_record(setup: SensingSetup, fit: Filtered, rng: np.random.Generator) -> SensingSetup:
+    """A setup whose measured channels are random: a record that the model of `fit` could have given.
+
+    The known forces stay those of the record; noise of the sensors and unknown forces are drawn from `rng`.
+    """
+    steady, system, known = fit.steady, fit.steady.system, setup.channels.known
+    of_start, of_noise = square_root(steady.predicted + fit.start_covariance), square_root(system.noise)
+    first = fit.start + of_start @ rng.standard_normal(of_start.shape[1])
+    drive = rng.standard_normal((len(known) - 1, of_noise.shape[1])) @ of_noise.T
+    states = stepped(system.transition, drive + steady.entered, first)
+    read = states @ system.reading.T + known @ system.direct.T + rng.standard_normal(setup.channels.readings.shape)
+    return replace(setup, channels=replace(setup.channels, measured=read * np.sqrt(setup.channels.variance)))
+
+
+def _first_covariance(setup: SensingSetup, steady: SteadyFilter) -> FloatArray:
+    """Covariance (n_states, n_states) of the state at the start of the record.
+
+    Without unknown forces modes may also have moved by themselves, so that the sensors read ten times what they read in the
+    record.
+    """
+    free, reading = steady.free, steady.system.reading
+    if free is None:
+        return steady.first
+    made = np.einsum("ij,jk,ik->i", reading, free, reading)
+    seen = np.mean(setup.channels.readings**2, axis=0)
+    return steady.first + _BEFORE**2 * float(seen @ made) / max(float(made @ made), np.finfo(float).tiny) * free
+
+
+def _predicted_covariance(system: StateEquations) -> FloatArray:
+    """Covariance (n_states, n_states) of the state before each reading, once it has settled.
+
+    Chu, Fan, Lin and Wang (2004), Int. J. Control 77, 767-788, Algorithm 3.1: P = A P (I + C' C P)^-1 A' + Q by doubling the
+    number of samples. `NoAnswerError` if it does not settle.
+    """
+    step: FloatArray = system.transition.T
+    seen: FloatArray = system.reading.T @ system.reading
+    covariance = system.noise
+    one = np.eye(len(step))
+    for _ in range(_DOUBLINGS):
+        after, read = np.hsplit(np.linalg.solve(one + seen @ covariance, np.hstack([step, seen @ step.T])), 2)
+        grown = np.asarray(step.T @ covariance @ after)
+        seen, step = symmetric(seen + step @ read), np.asarray(step @ after, dtype=np.float64)
+        covariance = symmetric(covariance + grown)
+        if not np.isfinite(covariance).all():
+            break
+        if np.abs(grown).max() <= _CONVERGED * np.abs(covariance).max():
+            return covariance
+    raise NoAnswerError("these sensors do not tell the motion: none of them sees one of the modes; measure more places")
+
+
+def _fades(step: FloatArray) -> bool:
+    """True if the powers of a matrix (n, n) fade, or grow by no more than rounding makes them.
+
+    A power of norm below 1 proves it, and a few products are cheaper than the eigenvalues.
+    """
+    power = step
+    for _ in range(_SQUARINGS):
+        size = float(np.linalg.norm(power))
+        if size < 1:
+            return True
+        if not size < 1 / np.finfo(float).eps:
+            break
+        power = power @ power
+    return bool(np.abs(np.linalg.eigvals(step)).max() < 1 + _UNSTABLE)
+
+
+def sum_of_powers(left: FloatArray, middle: FloatArray, right: FloatArray, count: int = 2**_DOUBLINGS) -> FloatArray:
+    """Sum over k from 0 to count - 1 of left^k middle right^k, by doubling, so that no digits cancel.
+
+    All are (n, n). The default `count` is large enough for the infinite sum, if the powers fade.
+    """
+    total, before, after = np.zeros_like(middle), np.eye(len(left)), np.eye(len(right))
+    for digit in f"{count:b}":
+        total, before, after = total + before @ total @ after, before @ before, after @ after
+        if digit == "1":
+            total, before, after = middle + left @ total @ right, before @ left, after @ right
+    return total
