@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 import structid as si
+from structid.core.dof import parse_dofs
 from structid.forward.frf.response import response
 from structid.identification.identify import Identification, IdentifyOptions, identify
+from structid.prediction.sensing.result import LeftOutSensor, SensedMotion
 from structid.records import FrfRecord
 from structid.unknowns.tolerances import EXACT
 
@@ -201,6 +203,18 @@ def matrix_groups() -> Identification:
     return identify(
         structure, unknown.started_at(np.full(4, 1.1)), record, IdentifyOptions(n_modes=3, tolerances=EXACT)
     )
+
+
+def sensed(contradiction: str = "", n: int = 40) -> SensedMotion:
+    """A sensed displacement, an acceleration that was left out and a force, over `n` samples, with bands that widen."""
+    time = np.arange(n) / 10.0
+    value, std = np.sin(time), 0.1 + 0.01 * time
+    one, two = parse_dofs(["1X", "2X"])
+    left = LeftOutSensor(two, "acceleration", value + std, value, std)
+    return SensedMotion(
+        time, (one,), "displacement", value[:, None], std[:, None], (two,), 5 * value[:, None], 5 * std[:, None], 5.0, 0.2,
+        (left,), ("the record hardly determines the force at 2X+",), contradiction,
+    )  # fmt: skip
 
 
 CASES = {

@@ -37,6 +37,7 @@ from structid.report.page import Page
 from structid.report.planning import plan_page
 from structid.report.rendering import browser, plot, png
 from structid.report.reproduce import reproduction_page
+from structid.report.sensing import sensing_page
 from structid.reproduce.reproduction import Curve, Panel, ReproducedItem, Verdict
 from structid.study.run.run import run_study
 from structid.study.schema.plan import load_plan, planned
@@ -53,6 +54,7 @@ SIX_DIGITS = {"rtol": 5.01e-6, "atol": 1e-9}
 PAGES = (
     "cantilever", "series", "many", "plane", "groups", "modes of a record", "free", "modes in space", "modes in a row",
     "plan", "comparison", "reproduction", "correlation of modes", "correlation of responses", "correlation in a row",
+    "sensed motion",
 )  # fmt: skip
 
 
@@ -73,6 +75,8 @@ def made(name: str, folder: Path, request: pytest.FixtureRequest) -> Page:
     if name == "comparison":
         states = [write_chain(folder / f"{k}", CHAIN, chain_record(k, scale)) for k, scale in ((1, 1.0), (2, 1.1))]
         return comparison_page(compare(*states, CompareOptions()))
+    if name == "sensed motion":
+        return sensing_page(report_cases.sensed(), "Mast", "wind.h5")
     if name == "correlation of modes":
         return correlation_page(correlate(load_study(mast.written(folder))))
     if name == "correlation of responses":

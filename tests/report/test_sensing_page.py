@@ -3,21 +3,9 @@
 import numpy as np
 import pytest
 from page_parts import as_array, figures, words
+from report_cases import sensed
 
-from structid.core.dof import parse_dofs
-from structid.prediction.sensing.result import LeftOutSensor, SensedMotion
 from structid.report.sensing import sensing_page
-
-
-def sensed(contradiction="", n=40):
-    time = np.arange(n) / 10.0
-    value, std = np.sin(time), 0.1 + 0.01 * time
-    one, two = parse_dofs(["1X", "2X"])
-    left = LeftOutSensor(two, "acceleration", value + std, value, std)
-    return SensedMotion(
-        time, (one,), "displacement", value[:, None], std[:, None], (two,), 5 * value[:, None], 5 * std[:, None], 5.0, 0.2,
-        (left,), ("the record hardly determines the force at 2X+",), contradiction,
-    )  # fmt: skip
 
 
 def test_bands_are_95_percent_of_the_stated_deviations():
@@ -33,7 +21,7 @@ def test_bands_are_95_percent_of_the_stated_deviations():
         [panel] = drawn[name]
         area, curve = panel["data"][:2]
         np.testing.assert_allclose(as_array(curve["y"]), value, rtol=1e-5)
-        np.testing.assert_allclose(as_array(area["y"])[: len(value)], value + 1.96 * std, rtol=1e-5)
+        np.testing.assert_allclose(as_array(area["y"])[: len(value)], value + 1.959964 * std, rtol=1e-5)
     measured = drawn["sensed_left_out"][0]["data"][2]
     np.testing.assert_allclose(as_array(measured["y"]), motion.left_out[0].measured, rtol=1e-5)
 
@@ -51,7 +39,7 @@ def test_a_long_history_is_drawn_by_the_extremes_of_bins():
     high, low = area[:3000], area[3000:6000][::-1]
     assert ((low < curve) & (curve < high)).all()
     left = motion.left_out[0]
-    top, bottom = left.sensed + 1.96 * left.std, left.sensed - 1.96 * left.std
+    top, bottom = left.sensed + 1.959964 * left.std, left.sensed - 1.959964 * left.std
     np.testing.assert_allclose((high.max(), low.min()), (top.max(), bottom.min()), rtol=1e-5)
 
 

@@ -7,11 +7,9 @@ from structid.prediction.recovery import output_unit
 from structid.prediction.sensing.result import SensedMotion
 from structid.records.record import QUANTITY_UNITS
 from structid.report.drawing import palette
+from structid.report.figures.parameters import NORMAL_95
 from structid.report.figures.prediction import MOST_POINTS, band, one_at_a_time, thinning_clause
 from structid.report.rendering import plot
-
-#: Half-width of a 95 % band in standard deviations.
-_BAND = 1.96
 
 
 def sensed_figure(sensed: SensedMotion) -> plot.Figure:
@@ -56,7 +54,7 @@ def _panel(
     time: FloatArray, value: FloatArray, std: FloatArray, y: plot.Axis, title: str, colour: str, *others: plot.Trace
 ) -> plot.Panel:
     """Panel of a sensed history `value` (n_times,) with its 95 % band in `colour`, and the curves `others` above it."""
-    half = _BAND * std
+    half = NORMAL_95 * std
     return plot.panel(
         plot.Axis("time", "s"),
         y,

@@ -24,7 +24,7 @@ from structid.prediction.predict import Prediction
 from structid.prediction.quantities import Frf
 from structid.prediction.recovery import linear_element_outputs
 from structid.study.results.stored_model import stored_model, stored_study
-from structid.study.run.exports.files import ExportFiles, Offer, list_offers, write_exports
+from structid.study.run.exports.files import ExportFiles, Offer, list_offers, write_model_files
 from structid.study.run.predicting import parts_of, predict_stored, prediction_summary
 from structid.workbench.work.scene import packed
 
@@ -256,7 +256,8 @@ def export_use(
         If the kind or its format is unknown, or the model has no such content.
     """
     study = stored_study(folder)
-    offers = {_export_kind(offer): offer for offer in list_offers(stored_model(folder, study), study)}
+    model = stored_model(folder, study)
+    offers = {_export_kind(offer): offer for offer in list_offers(model, study)}
     if kind not in offers or suffix not in offers[kind].suffixes:
         raise InputError(f"{kind} as {suffix} is no file of these results; choose one that is offered")
     out.mkdir(exist_ok=True)
@@ -267,4 +268,5 @@ def export_use(
         band=_band(options),
         modes=int(options.get("modes") or 10),
     )
-    return write_exports(folder, files, asked, force=True), [path for path in files.paths if path.exists()]
+    lines = write_model_files(folder, study, model, files, asked)
+    return lines, [path for path in files.paths if path.exists()]

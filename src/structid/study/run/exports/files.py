@@ -61,7 +61,16 @@ def write_exports(
         if path.exists() and not force:
             raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
     source = stored_study(results, study)
-    model = stored_model(results, source)
+    return write_model_files(results, source, stored_model(results, source), files, options)
+
+
+def write_model_files(
+    results: Path, source: Study, model: IdentifiedModel, files: ExportFiles, options: ExportOptions
+) -> list[str]:
+    """Write files from a loaded model over those that exist, and return lines that describe them.
+
+    `source` and `model` are the study and the identified model of the folder `results`; errors are those of `write_exports`.
+    """
     lines: list[str] = []
     if files.mode_shapes is not None:
         lines += export_modes(model, options.modes, source.title or "structid", files.mode_shapes)
