@@ -20,8 +20,7 @@ from structid.fem import SpaceBeam, Structure
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.prediction.identified_model import identified_model
-from structid.study.run.exports.matrices import export_matrices
-from structid.study.run.exports.mode_shapes import model_modes
+from structid.study.run.exports import export_matrices, model_modes
 from structid.unknowns import Unknown, parameters
 
 RUN = CliRunner()

@@ -7,9 +7,9 @@ import pytest
 from scipy import linalg
 
 from structid.core.errors import InputError
+from structid.external.modes_model import Tangent, tangent
 from structid.external.outputs import RunModes
 from structid.external.steps import Pair
-from structid.external.tangent import Tangent, tangent
 
 N, MODES = 12, 5
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structid.external.differences import _shapes_in_si
+from structid.external.modes_model import _shapes_in_si
 from structid.external.outputs import RunModes
 from structid.external.solved import Units
 

@@ -11,8 +11,8 @@ from structid.modal.formats.files import read_modes
 from structid.prediction.element_values import element_values
 from structid.prediction.identified_model import identified_model
 from structid.records.formats import write_record
-from structid.study.run.exports.deck import export_deck
-from structid.study.run.exports.mode_shapes import model_modes
+from structid.study.run.exported_deck import export_deck
+from structid.study.run.exports import model_modes
 from structid.study.schema.study import load_study
 from study_cases import chain_record
 

@@ -16,7 +16,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.search import wide_starts
 from structid.identification.setups.modal import ModalSetup
 from structid.inversion.search.multistart import expected_answers
-from structid.report.identification.page import report_page
+from structid.report.identification import report_page
 
 THREE = np.array([697.0, 446.0, 530.0]), np.array([90e3, 300e3, 210e3])
 FOUR = np.array([737.0, 454.0, 554.0, 215.0]), np.array([260e3, 390e3, 340e3, 370e3])

@@ -30,8 +30,7 @@ from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
 from structid.report.comparison import comparison_page
 from structid.report.correlation import correlation_page
-from structid.report.identification.free_page import free_page
-from structid.report.identification.page import report_page
+from structid.report.identification import free_page, report_page
 from structid.report.modes import modes_page
 from structid.report.page import Page
 from structid.report.planning import plan_page

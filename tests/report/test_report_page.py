@@ -19,7 +19,7 @@ from structid.core.errors import FileError
 from structid.core.quantities import number
 from structid.identification.identified import Identification
 from structid.report import write_report
-from structid.report.identification.page import report_page, sorted_warnings
+from structid.report.identification import report_page, sorted_warnings
 from structid.report.page import plotly_part
 
 _SECTIONS = ("verdict", "values", "fit", "structure", "more")
@@ -227,7 +227,7 @@ def test_png_files_are_written_only_when_asked_for(series: Report, tmp_path: Pat
 
 
 def test_a_page_needs_no_matplotlib() -> None:
-    code = "import sys, structid.report.identification.page; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, structid.report.identification; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -21,9 +21,7 @@ from structid.prediction.identified_model import identified_model
 from structid.prediction.predict import predict
 from structid.prediction.quantities import NaturalModes
 from structid.study.results.stored_model import ParameterSpread
-from structid.study.run.exports.matrices import export_matrices, matrix_files
-from structid.study.run.exports.mesh import export_mesh
-from structid.study.run.exports.mode_shapes import export_modes, model_modes
+from structid.study.run.exports import export_matrices, export_mesh, export_modes, matrix_files, model_modes
 from structid.unknowns import Unknown, parameters
 
 STD, RATIO = 0.02, {"deck": 0.9, "post": 1.1, "spring": 1.3}

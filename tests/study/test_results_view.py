@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from structid.cli.console import identification_summary
+from structid.cli.summaries import identification_summary
 from structid.core.display import as_sentence
 from structid.core.json_types import json_text
 from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, Judgement
-from structid.report.identification.page import report_page
+from structid.report.identification import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view
 from structid.study.run.run import run_study

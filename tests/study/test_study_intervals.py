@@ -12,7 +12,7 @@ from structid import identify
 from structid.core.errors import InputError
 from structid.core.json_types import json_text
 from structid.core.quantities import span_text
-from structid.report.identification.page import report_page
+from structid.report.identification import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study

@@ -16,8 +16,8 @@ from structid.cli import app as cli
 from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.records.formats import write_record
-from structid.report.identification.page import report_page
-from structid.report.identification.tables import modal_facts
+from structid.report.identification import report_page
+from structid.report.identification_tables import modal_facts
 from structid.report.rendering import png
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study

@@ -11,7 +11,7 @@ import structid as sid
 from structid.modal.formats.files import write_modes
 from structid.records import write_record
 from structid.report.drawing.drawing import structure_picture
-from structid.report.identification.tables import element_table
+from structid.report.identification_tables import element_table
 from structid.study.schema.records.record import load_histories, load_record
 from structid.workbench.work.scene import _describe_set
 from study_cases import CHAIN

@@ -11,7 +11,7 @@ import pytest
 
 from structid import InputError, load_study, run_study
 from structid.records.formats import write_record
-from structid.report.identification.page import report_page
+from structid.report.identification import report_page
 from structid.report.rendering.png import pictures
 from structid.study.results.folder import write_results
 from structid.study.run.check import check_study

@@ -337,7 +337,7 @@ def test_a_failed_export_leaves_no_archive(tmp_path, monkeypatch):
 
 def test_what_is_kept_for_the_user_is_for_the_user_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    from structid.workbench.recent import is_confirmed, recent_folders, remember, remember_confirmed
+    from structid.workbench.user_state import is_confirmed, recent_folders, remember, remember_confirmed
 
     before = os.umask(0)
     try:

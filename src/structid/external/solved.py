@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.units import FORCES, LENGTHS
 from structid.external.expansion import Point
 from structid.external.runs import RunCounts, Solver
-from structid.external.tangent import ShapeTie
 from structid.fem.elements import ElementSet
+from structid.fem.elements.element import dof_code
 from structid.fem.elements.solver_model import ModelParameter
+from structid.fem.supports import DofEquations
 from structid.inversion.search.work import TaskExecutor
 
 
@@ -32,6 +34,34 @@ class Units:
     def mass(self) -> float:
         """Unit of mass of the deck in kg, consistent with its units of force and length and with seconds."""
         return FORCES[self.force] / LENGTHS[self.length]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeTie:
+    """Degrees of freedom that follow others by the shapes that a solver gave.
+
+    Attributes
+    ----------
+    name : str
+    dependents, masters : tuple of Dof
+    matrix : (n_dependents, n_masters) float array
+    """
+
+    name: str
+    dependents: tuple[Dof, ...]
+    masters: tuple[Dof, ...]
+    matrix: FloatArray
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
+        """Each dependent degree of freedom as a sum of masters: factors by code of the master, for each code of a dependent one.
+
+        `positions` and `active` are not used: the matrix holds already how shapes move together.
+        """
+        codes = [dof_code(dof.node, dof.direction) for dof in self.masters]
+        return {
+            dof_code(dof.node, dof.direction): dict(zip(codes, row, strict=True))
+            for dof, row in zip(self.dependents, self.matrix.tolist(), strict=True)
+        }
 
 
 @dataclass(frozen=True)

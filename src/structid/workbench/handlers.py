@@ -34,10 +34,10 @@ from structid.study.schema.tables import Table, table_of
 from structid.study.schema.toml_lines import parse_toml
 from structid.study.templates import TEMPLATES, asked_of
 from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
-from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs
 from structid.workbench.sections import element_properties, presets
 from structid.workbench.security import MOST_UPLOAD, Access
+from structid.workbench.user_state import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.work.workers import Workers
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}

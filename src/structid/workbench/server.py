@@ -26,10 +26,9 @@ from starlette.routing import Route
 from structid.core.errors import InputError, StructidError
 from structid.workbench.folder import ChangedError, OutsideError, open_study_folder
 from structid.workbench.handlers import ROUTES, Handler, Json, Watcher, Workbench
-from structid.workbench.recent import remember
 from structid.workbench.runs import Runs, reap
 from structid.workbench.security import Access, DeadlineProtocol, Guard
-from structid.workbench.user_state import state_folder, write_private
+from structid.workbench.user_state import remember, state_folder, write_private
 from structid.workbench.work.workers import Workers
 
 #: Connections at most, and seconds after which the page that leads a browser to an ended server is removed.

@@ -16,7 +16,7 @@ def check(study: StudyPath) -> None:
     Examples:
       structid check frame.toml
     """
-    from structid.cli.check_summary import check_summary  # the help needs none of these
+    from structid.cli.summaries import check_summary  # the help needs none of these
     from structid.cli.tables import show
     from structid.inversion.estimate import Status
     from structid.records.formats import keep_records

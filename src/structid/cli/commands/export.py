@@ -63,7 +63,7 @@ def export(
     """
     from structid.cli.tables import new_table, show  # the help needs none of these
     from structid.study.results.stored_model import stored_model, stored_study
-    from structid.study.run.exports.files import ExportFiles, list_offers, write_exports
+    from structid.study.run.exports import ExportFiles, list_offers, write_exports
 
     files = ExportFiles(mode_shapes, mesh, matrices, deck, state_space)
     if files.paths:

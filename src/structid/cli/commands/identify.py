@@ -110,8 +110,8 @@ def identify(
       structid identify frame.toml --resume
       structid identify frame.toml --workers 8 --png
     """
-    from structid.cli.console import identification_summary  # the help needs none of these
     from structid.cli.progress import ProgressFile, run_progress
+    from structid.cli.summaries import identification_summary  # the help needs none of these
     from structid.cli.tables import show
     from structid.core.isolation import paths_as_called
     from structid.diagnose.diagnosis import budget_for_causes
@@ -195,7 +195,7 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     if not report:
         return "estimate.json"
     if not result.identification.estimate.uncertainty.has_matrix:
-        from structid.report.identification.free_page import free_page
+        from structid.report.identification import free_page
 
         return free_page(result).write(folder, png).name
     from structid.report import write_report

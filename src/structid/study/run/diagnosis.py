@@ -84,7 +84,7 @@ def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
             histories = read_histories(source.record)
             if not histories:
                 continue
-            from structid.study.run.before import leaking_windows  # for spectra averaged from histories alone
+            from structid.study.run.check import leaking_windows  # for spectra averaged from histories alone
 
             modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
             told += leaking_windows(source.record, histories, problem, modes)

@@ -19,7 +19,7 @@ from structid.report.drawing.changes import Change, IdentifiedParameters, Shadin
 from structid.report.drawing.palette import steps
 from structid.report.figures.responses import channel_unit
 from structid.study.results.stored_model import stored_model, stored_study
-from structid.study.run.exports.mode_shapes import model_modes, node_translations
+from structid.study.run.exports import model_modes, node_translations
 from structid.study.schema.study import Study
 from structid.workbench.folder import read_json
 from structid.workbench.work.scene import packed, structure_scene

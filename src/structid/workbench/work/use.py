@@ -24,7 +24,7 @@ from structid.prediction.predict import Prediction
 from structid.prediction.quantities import Frf
 from structid.prediction.recovery import linear_element_outputs
 from structid.study.results.stored_model import stored_model, stored_study
-from structid.study.run.exports.files import ExportFiles, Offer, list_offers, write_model_files
+from structid.study.run.exports import ExportFiles, Offer, list_offers, write_model_files
 from structid.study.run.predicting import parts_of, predict_stored, prediction_summary
 from structid.workbench.work.scene import packed
 

@@ -2,10 +2,10 @@
 
 from structid.study.schema.model.matrices import GROUP as GROUP
 from structid.study.schema.model.matrices import MATRICES as MATRICES
+from structid.study.schema.model.matrices import MEASURED as MEASURED
 from structid.study.schema.model.matrices import NUMBERING as NUMBERING
 from structid.study.schema.model.matrices import read_groups as read_groups
-from structid.study.schema.model.measured import MEASURED as MEASURED
-from structid.study.schema.model.measured import read_measured as read_measured
+from structid.study.schema.model.matrices import read_measured as read_measured
 from structid.study.schema.model.mesh import MESH as MESH
 from structid.study.schema.model.mesh import SUPPORT as SUPPORT
 from structid.study.schema.model.mesh import group_table as group_table
