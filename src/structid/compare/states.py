@@ -206,10 +206,11 @@ def _cost_within_tolerances(problem: Problem, fixed: FixedValues | None, estimat
 def _unchanged_test(
     names: tuple[str, ...], cost: float, separate_cost: float, baseline: State, later: State, n_fixed: int = 0
 ) -> UnchangedTest:
-    """Test that the parameters `names` are the same in both states, against states in which they are free.
+    """Test that the parameters `names` have one value in both states, with those of them that differ, the most significant first.
 
-    `cost` is the sum of squares with them the same, `separate_cost` with them free; `n_fixed` is the number of
-    fixed values that both states share in the first, which count as conditions too.
+    `cost` is the sum of squares of a joint fit with one value of each, `separate_cost` that of the two states fitted apart.
+    `n_fixed` fixed values have one value in the joint fit too, and count as conditions. `baseline` and `later` give the
+    estimates and the degrees of freedom.
     """
     shared = [name for name in names if name in later.estimate.names]
     tests = compare_states(baseline.estimate, later.estimate, ())

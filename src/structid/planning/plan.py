@@ -328,7 +328,7 @@ def _best_lines(
 
 
 def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[PlannedTest, ...]:
-    """Tests that add one further candidate sensor to `start`, for those with most information, best first."""
+    """Tests that add one further candidate sensor to `start`: for at most `_SHOWN_NEXT` sensors of most information, best first."""
     options = selection.options
     sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
     known = np.vstack([selection.known, selection.rows(sensors, loads)])

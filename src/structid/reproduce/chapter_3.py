@@ -513,10 +513,11 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> ReproducedItem:
 
 
 def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors]) -> Table:
-    """Table of the printed RMS error `rms` beside the RMS errors of the printed parameters and of the repeats in `studies`.
+    """Table of the RMS error `rms` that the dissertation prints, beside those computed from its table and from simulations.
 
-    For the printed parameters, `both` is the RMS over masses plus the RMS over stiffnesses, `all_30` the RMS over all
-    parameters.
+    From the printed parameters, `both` is the RMS error of the masses plus that of the stiffnesses, and `all_30` that of all 30.
+    `studies` has the errors of simulations over seeds, by the reading of the noise that they take; of these, medians, 5 and 95 %
+    points, and the percentile at which `rms` lies.
     """
     rows = ["of the printed table"]
     computed = [[both, all_30, np.nan, np.nan, np.nan]]

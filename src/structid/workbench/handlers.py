@@ -292,9 +292,10 @@ def _modes_folder(name: str, *keys: str) -> Handler:
     """
 
     async def asked(bench: Workbench, request: Request) -> Response:
-        """Answer of the worker function with ``page``, the address of the report.
+        """JSON answer of the function `name` and, as ``page``, the address of the written report ("" if there is none).
 
-        Raises `ChangedError` if the folder exists and ``replace`` is not set.
+        The body of `request` has ``out``, the folder to write, and the `keys`. `ChangedError` if the folder exists and the body
+        does not say ``replace``.
         """
         body = await request.json()
         if bench.opened.inside(body["out"]).exists() and not body.get("replace"):

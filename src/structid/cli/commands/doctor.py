@@ -183,7 +183,7 @@ def needed_lines(needs: ResourceNeeds, duration: Duration, free: int, workers: i
 
 
 def _duration_words(duration: Duration) -> str:
-    """Words on the duration of a run, the time to search for causes of a misfit, and whether the search was tried."""
+    """Words on the duration of a run and of the search for causes, and whether a trial of the search came to its end."""
     from structid.cli.progress import clock
 
     if duration.is_tried and duration.causes:

@@ -40,8 +40,8 @@ def motion(
     """Identify a study from the measured motion of every degree of freedom, reading the record by chunks.
 
     The record (NPY or HDF5) may be far larger than memory, the structure as large as wished: time grows with samples
-    times degrees of freedom, memory with degrees of freedom. Workers get paths and ranges and give back triangles, which
-    are merged in order: the same digits for any number of them. Writes motion.json and parameters.csv. Exit code 1:
+    times degrees of freedom, memory with degrees of freedom. Workers get paths and ranges and give back triangular factors,
+    which are merged in order: the same digits for any number of them. Writes motion.json and parameters.csv. Exit code 1:
     the motion does not determine every parameter.
 
     \b

@@ -374,9 +374,9 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
 
 
 def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Labels of element sets, and of nodes: all `shown` ones if there are at most `_MANY_NODES`, and those in `busy`.
+    """Labels of nodes below them, and of element sets beside one of their `marks`.
 
-    `shown` and `busy` hold node labels.
+    Nodes in `busy` are labelled, and all `shown` ones if the structure has at most `_MANY_NODES`; both hold node numbers.
     """
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])

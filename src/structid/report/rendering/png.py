@@ -193,7 +193,10 @@ def drawn(figure: Figure) -> Picture:
 
 
 def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
-    """Draw a panel with one strip on Matplotlib `axes`, and add its legend entries to `handles`."""
+    """Draw a panel that has a single strip (one y axis, or one left and one right) on Matplotlib `axes`.
+
+    Its legend entries are added to `handles`, by label.
+    """
     (strip,) = panel.strips
     axes.set_facecolor(panel.background)
     beside = axes.twinx() if strip.right is not None else axes

@@ -416,7 +416,10 @@ def _bare(group: str) -> str:
 
 
 def _require_single(source: _DeckModel, mark: KeywordEntry, material: str) -> None:
-    """Raise `InputError` unless the keyword at `mark` has one number for the material: isotropic and one temperature."""
+    """Raise `InputError` unless the Abaqus keyword at `mark` gives one number: isotropic, and at one temperature.
+
+    `source` has the text of the deck; `material` is the material's name, for the message.
+    """
     position = mark.locate({source.name: source.text})
     block = next(
         block for block in keywords_in(source.name, source.text)

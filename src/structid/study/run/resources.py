@@ -235,9 +235,10 @@ class _EnoughError(Exception):
 
 
 def expected(study: Study, n_workers: int = 1) -> tuple[ResourceNeeds, Duration]:
-    """Memory that a study needs and how long a run takes with `n_workers`.
+    """Memory that a study needs (bytes), and how long its identification takes with `n_workers` processes (s).
 
-    A search that takes seconds is tried; otherwise a few lines are timed, and a usual number of iterations is assumed.
+    A search of a few seconds is tried to its end; otherwise some lines of the record are timed, and a usual number of
+    iterations is assumed.
 
     Raises
     ------

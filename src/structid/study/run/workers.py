@@ -114,9 +114,9 @@ class InProcess(Workers):
     def completed(
         self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, TaskResult]]:
-        """Number and result of each item, computed one after another in this process, each on one thread.
+        """Number and result `task(shared, item, tools)` of each item, one after another in this process, each on one thread.
 
-        `items` are by number; `shared` is what all tasks need.
+        `items` are by number; `shared` is what all tasks need; `tools(number)` gives the minimizer and progress of its search.
         """
         pools = ThreadpoolController()
         for count, (number, item) in enumerate(items.items()):

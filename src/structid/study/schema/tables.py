@@ -118,7 +118,7 @@ class Table:
         return Table({**self.keys, **made}, self.labels, self.short)
 
     def only(self, *names: str) -> Table:
-        """Table with some of the keys."""
+        """Table with the keys `names` alone, in their order."""
         return Table({name: self.keys[name] for name in names}, self.labels, self.short)
 
     @property
@@ -128,7 +128,10 @@ class Table:
 
     @property
     def schema(self) -> Schema:
-        """The table as JSON Schema: an object with its keys and no others, or the short form."""
+        """The table as JSON Schema: an object with its keys and no others.
+
+        Where the table may be written as one value instead (`short`), the schema allows either.
+        """
         schema: Schema = {"type": "object", "additionalProperties": False}
         if self.keys:
             schema["properties"] = {name: key.schema for name, key in self.keys.items()}
