@@ -17,9 +17,9 @@ from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
 from structid.core.provenance import Provenance
 from structid.identification.fits.record_fit import FittedUnknowns
-from structid.identification.setups.setup import AnySetup, titles
+from structid.identification.setups.setup import AnySetup, prefixes, titles
 from structid.modal import ModalRecord
-from structid.study.results.hdf5 import stored_pieces, stored_values
+from structid.study.results.hdf5 import stored_parameters
 from structid.study.results.result import provenance
 from structid.study.run.check import ChannelCheck, channel_checks
 from structid.study.run.start import load_setups, placed_mechanism
@@ -77,28 +77,28 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
     SingularModelError
         If the model has a mechanism.
     """
-    stored = {} if at is None else stored_values(at)
-    if at is not None and study.leaves_pieces_open:
-        study = cut_study(study, stored_pieces(at))
+    values: Mapping[str, float] = {}
+    if at is not None:
+        stored = stored_parameters(at)
+        values = stored.values
+        study = cut_study(study, stored.pieces) if study.leaves_pieces_open else study
     setups = load_setups(study)
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
     responses: list[ResponsesCorrelation] = []
     warnings: list[str] = []
-    for name, setup, source in zip(names, setups, study.setups, strict=True):
+    for name, prefix, setup, source in zip(names, prefixes(setups), setups, study.setups, strict=True):
         part: Correlation
         with placed_mechanism(study.section("structure")), source.section.located():
             if source.record.modes is not None:
-                part = _compare_modes(name, setup, source.record.modes, stored, options)
+                part = _compare_modes(name, setup, source.record.modes, values, options)
                 modal.append(part)
             else:
-                part = _compare_responses(name, setup, study, stored)
+                part = _compare_responses(name, setup, study, values)
                 responses.append(part)
-        warnings += [f"{name}: {words}" if name else words for words in part.warnings]
+        warnings += [prefix + words for words in part.warnings]
     channels = tuple(
-        one
-        for name, setup in zip(names, setups, strict=True)
-        for one in channel_checks(f"{name}: " if name else "", setup)
+        check for prefix, setup in zip(prefixes(setups), setups, strict=True) for check in channel_checks(prefix, setup)
     )
     return StudyCorrelation(study, at, tuple(modal), tuple(responses), channels, tuple(warnings), provenance(study))
 
@@ -141,7 +141,7 @@ def values_at(names: tuple[str, ...], start: FloatArray, values: Mapping[str, fl
     """
     if values and not any(name in values for name in names):
         raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
-    return np.array([values.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])
+    return np.array([values.get(name, initial) for name, initial in zip(names, start.tolist(), strict=True)])
 
 
 def correlation_summary(correlation: StudyCorrelation) -> dict[str, StoredEntry]:

@@ -42,7 +42,7 @@ from structid.inversion.state_comparison import (
     compare_states,
     states_problem,
 )
-from structid.study.results.hdf5 import stored_pieces
+from structid.study.results.hdf5 import number_of_pieces
 from structid.study.results.result import StudyResult
 from structid.study.run.run import SearchFailedError, is_matrix_free, refine_mesh, relinearized_study, run_prepared
 from structid.study.schema.model.structure import read_structure
@@ -597,7 +597,7 @@ def stored_state(folder: Path) -> State:
                 f"{folder}: is of search 'matrix_free', which gives no covariance matrix to compare by; group the unknowns"
                 " and identify again without it"
             )
-        estimate, channels = _stored_estimate(
+        estimate, channels, pieces = _stored_estimate(
             folder / "estimate.h5", Status(texts["status"]), texts["covariance_basis"]
         )
         inputs = dict(texts["provenance"]["inputs"])
@@ -612,12 +612,11 @@ def stored_state(folder: Path) -> State:
     title, drawn = str(texts.get("title", folder.name)), _read_drawn(folder, channels)
     judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
     mesh_warnings = _on_mesh(texts.get("warnings", ()))
-    pieces = stored_pieces(folder)
     return State(title, folder, estimate, inputs, None, regularizations, drawn, judgement, mesh_warnings, pieces)
 
 
-def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
-    """The estimate stored in estimate.h5, and the names of its channels under ``outputs`` and ``inputs``.
+def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]], int]:
+    """The estimate stored in estimate.h5, names of its channels under ``outputs`` and ``inputs``, and pieces of each beam.
 
     `basis` is "noise" or "model_error" and chooses the covariance, to which that of fixed values is added.
 
@@ -630,7 +629,7 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     of_channels = ("frf/outputs", "frf/inputs", "modal_record_1/channels")
     fixed_keys = [f"parameters/{name}" for name in ("fixed_names", "fixed_tolerances", "fixed_changes")]
     of_parameters = [f"parameters/{name}" for name in (*names, "values", matrix)]
-    fields = hdf5_fields(path, (*of_channels, *of_parameters, *fixed_keys))
+    fields = hdf5_fields(path, (*of_channels, *of_parameters, *fixed_keys, "subdivide"))
     texts = {name: texts_of(fields[f"parameters/{name}"]) for name in names}
     values = np.asarray(fields["parameters/values"], dtype=float)
     covariance = np.asarray(fields[f"parameters/{matrix}"], dtype=float)
@@ -652,7 +651,7 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     estimate = StoredEstimate(
         texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, of_data, fixed
     )
-    return estimate, channels
+    return estimate, channels, number_of_pieces(fields.get("subdivide"), path.parent)
 
 
 def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> DrawableStructure | None:

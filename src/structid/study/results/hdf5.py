@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -182,25 +182,39 @@ def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
     _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")
 
 
-def stored_values(folder: Path) -> dict[str, float]:
-    """Identified value of each parameter, by name, from the file estimate.h5 of a results folder.
+class StoredParameters(NamedTuple):
+    """Identified values of the parameters by name, and the number of pieces of each beam if it is stored."""
+
+    values: dict[str, float]
+    folder: Path
+    stored_pieces: Field | None
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces into which each beam was cut; `FileError` if the results folder does not say it."""
+        return number_of_pieces(self.stored_pieces, self.folder)
+
+
+def stored_parameters(folder: Path) -> StoredParameters:
+    """Values and pieces from the file estimate.h5 of a results folder, which is read once.
 
     Raises
     ------
     FileError
         If there is no estimate.h5, or structid did not write it.
     """
-    path, fields = _stored_fields(folder, ("parameters/names", "parameters/values"))
+    path = folder / "estimate.h5"
+    fields = _stored_fields(folder, ("parameters/names", "parameters/values", "subdivide"))
     from structid.files.hdf5 import texts_of  # writing needs no reader
 
     try:
-        names, values = fields["parameters/names"], np.asarray(fields["parameters/values"], dtype=float)
+        names = texts_of(fields["parameters/names"])
+        values = np.asarray(fields["parameters/values"], dtype=float)
     except (KeyError, ValueError) as error:
         raise FileError(f"{path}: holds no parameters; write it again with `structid identify`") from error
-    words = texts_of(names)
-    if values.shape != (len(words),) or not np.isfinite(values).all():
+    if values.shape != (len(names),) or not np.isfinite(values).all():
         raise FileError(f"{path}: its parameters cannot be used; write it again with `structid identify`")
-    return dict(zip(words, values.tolist(), strict=True))
+    return StoredParameters(dict(zip(names, values.tolist(), strict=True)), folder, fields.get("subdivide"))
 
 
 def stored_pieces(folder: Path) -> int:
@@ -211,17 +225,21 @@ def stored_pieces(folder: Path) -> int:
     FileError
         If there is no estimate.h5, or it does not say the number.
     """
-    count = _stored_fields(folder, ("subdivide",))[1].get("subdivide")
+    return number_of_pieces(_stored_fields(folder, ("subdivide",)).get("subdivide"), folder)
+
+
+def number_of_pieces(count: Field | None, folder: Path) -> int:
+    """Number of pieces of each beam, from the dataset ``subdivide`` of estimate.h5; `FileError` if it is None."""
     if count is None:
         raise FileError(f"{folder}: does not say into how many pieces its beams were cut; identify again")
     return int(np.asarray(count).ravel()[0])
 
 
-def _stored_fields(folder: Path, names: Sequence[str]) -> tuple[Path, dict[str, Field]]:
-    """Path of the file estimate.h5 of a results folder, and those of its datasets `names` that it has."""
+def _stored_fields(folder: Path, names: Sequence[str]) -> dict[str, Field]:
+    """Datasets of the file estimate.h5 of a results folder by name; those of `names` that it lacks are left out."""
     path = folder / "estimate.h5"
     if not path.is_file():
         raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
     from structid.files.hdf5 import hdf5_fields  # writing needs no reader
 
-    return path, hdf5_fields(path, names)
+    return hdf5_fields(path, names)

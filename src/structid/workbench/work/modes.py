@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from structid.report.figures.survey import pole_kinds
 from structid.report.modes import modes_page
 from structid.similarity import mac, most_real
 from structid.study.results.folder import staged_folder
-from structid.study.results.hdf5 import stored_pieces, stored_values
+from structid.study.results.hdf5 import stored_parameters
 from structid.study.results.modes import write_merged, write_modes_results
 from structid.study.schema.model.structure import leaves_pieces_open
 from structid.study.schema.records.sensors import channel_names, used_names
@@ -190,11 +190,14 @@ def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dic
         If a channel is not part of the structure, or `results` holds no value of the study's parameters.
     """
     structure = model.structure
-    if results is not None and leaves_pieces_open(model.root.inner("structure")):
-        structure = replace(structure, subdivide=stored_pieces(results))
+    identified: Mapping[str, float] = {}
+    if results is not None:
+        stored = stored_parameters(results)
+        identified = stored.values
+        if leaves_pieces_open(model.root.inner("structure")):
+            structure = replace(structure, subdivide=stored.pieces)
     unknown = read_parameters(model.root, structure)
-    known = {} if results is None else stored_values(results)
-    values = unknown.values(values_at(unknown.names, unknown.start, known))
+    values = unknown.values(values_at(unknown.names, unknown.start, identified))
     aimed = channel_names(structure)
     given = {} if model.record is None else model.record.inner("relabel").table
     relabel = {name: str(own) for name, own in given.items()}
