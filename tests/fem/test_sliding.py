@@ -10,6 +10,7 @@ from structid import (
     InputError,
     Joint,
     ModalRecord,
+    ModalSetup,
     Plane,
     PointMass,
     RigidLink,
@@ -18,6 +19,7 @@ from structid import (
     Structure,
     Unknown,
     estimate,
+    identify_together,
     parameters,
 )
 from structid.dynamics.normal_modes import modes
@@ -137,6 +139,28 @@ def test_the_interval_of_the_place_holds_the_truth():
         errors.append((found.values[0] - 1.37) / found.std[0])
     assert np.abs(errors).max() < 4
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 40))
+
+
+def test_a_roller_that_is_moved_has_a_place_in_each_record():
+    """Two sliding nodes of one strip, each held in its own record; the bending stiffness is shared."""
+
+    def strip(first: float, second: float, held: int, stiffness: float = 150.0) -> Structure:
+        beam = Beam("strip", [[1, 2], [2, 3], [3, 4]], 1.2, stiffness, tolerance=0)
+        nodes = {1: 0.0, 2: first, 3: second, 4: 2.0}
+        return Structure(nodes, [beam], ["1Y", "1RZ", f"{held}Y"], subdivide=4, sliding=[2, 3])
+
+    unknown = [Unknown("bending_stiffness", "strip"), Unknown("position", "node 2"), Unknown("position", "node 3")]
+    setups = []
+    for held in (2, 3):
+        true = strip(1.23, 1.52, held, 160.0)
+        three = modes(true.matrix("mass"), true.matrix("stiffness"), n_modes=3).frequency
+        record = ModalRecord(three, np.zeros(3), np.ones((1, 3)), ["4Y"])
+        drawn = strip(1.2, 1.55, held)
+        settings = ModalSettings(frequency_error=1e-3, shape_error=1e3)
+        setups.append(ModalSetup(drawn, parameters(drawn, unknown), record, settings=settings))
+    found = identify_together(setups).estimate
+    assert found.names == ("bending_stiffness[strip]", "position[node 2]", "position[node 3]")
+    assert found.values == pytest.approx([160.0, 1.23, 1.52 - 1.2], rel=1e-6)
 
 
 def test_the_place_stays_between_its_neighbours():
