@@ -11,6 +11,9 @@ from short_record_cases import chain, chain_tables, unknowns
 from structid import (
     InputError,
     ModalRecord,
+    PointMass,
+    Spring,
+    Structure,
     TimeRecord,
     correlated_modes,
     frac,
@@ -23,7 +26,7 @@ from structid.compare.correlation import correlate, correlation_summary, expande
 from structid.dynamics.normal_modes import modes
 from structid.forward import TimeOptions
 from structid.modal.formats.files import read_modes
-from structid.report.correlation import before_and_after
+from structid.report.correlation import before_and_after, modes_table
 from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from study_cases import write_chain
@@ -54,6 +57,35 @@ def test_modes_of_a_study_are_paired_across_a_crossing_and_their_mac_is_the_dens
     for i, k in enumerate(part.pairing.number):
         assert part.seen[:, k] @ left[:, i] == pytest.approx(0, abs=1e-9)  # the nearest of all factors
     assert found.warnings == ()
+
+
+def test_macs_have_the_deviation_of_repeated_measurements():
+    spring = Spring("spring", ["0X", "1X", "2X", "3X"], ["1X", "2X", "3X", "4X"], stiffness=[3e5, 2e5, 2e5, 1e5])
+    nodes, masses = {i: 1.0 * i for i in range(5)}, PointMass("mass", [1, 2, 3, 4], 10.0)
+    structure = Structure(nodes, [masses, spring], ["0X"], active=["X"])
+    shapes = modes(structure.matrix("mass"), structure.matrix("stiffness")).mode_shapes[:, :2]
+    shapes = shapes / np.abs(shapes).max(axis=0)
+    true = shapes + np.array([[0.2, 0.0], [-0.2, 0.3], [0.0, 0.3], [0.1, -0.2]])  # of no model
+    rng = np.random.default_rng(3)
+    std = np.array([[0.02], [0.05], [0.03], [0.04]])[:, [0, 0]]
+    names = [f"{i}X" for i in (1, 2, 3, 4)]
+
+    def measured(values, errors=None):
+        return ModalRecord([10.0, 25.0], np.full(2, np.nan), values, names, shape_std=errors)
+
+    part = correlated_modes(structure, structure.values, measured(true, std))
+    found, number = part.mac_of_pairs, part.pairing.number
+    assert number.tolist() == [0, 1]
+    assert found.value == pytest.approx(part.pairing.mac[[0, 1], number], abs=1e-12)
+    drawn = true + std * rng.standard_normal((4000, 4, 2))
+    model = shapes / np.linalg.norm(shapes, axis=0)
+    repeated = np.einsum("rcm,cm->rm", drawn, model) ** 2 / np.sum(drawn**2, axis=1)
+    assert found.std == pytest.approx(repeated.std(axis=0), rel=0.12)
+    assert found.noise_effect == pytest.approx(repeated.mean(axis=0) - found.value, abs=0.15 * found.std.min())
+    assert " \u00b1 " in modes_table(part).rows[0][5]
+    bare = correlated_modes(structure, structure.values, measured(true))
+    assert np.isnan(bare.mac_of_pairs.std).all()
+    assert modes_table(bare).rows[0][5] == f"{bare.pairing.mac[0, 0]:.3f}"
 
 
 def test_at_identified_values_the_model_agrees(tmp_path):

@@ -176,6 +176,8 @@ def _modes_summary(correlation: ModesCorrelation) -> dict[str, StoredEntry]:
             "model_frequency_hz": correlation.model.frequency[number[i]] if number[i] >= 0 else None,
             "relative_difference": correlation.frequency_difference[i],
             "mac": pairing.mac[i, number[i]] if number[i] >= 0 else None,
+            "mac_std": correlation.mac_of_pairs.std[i],
+            "mac_by_noise": correlation.mac_of_pairs.noise_effect[i],
             "likeness": pairing.likeness[i] if number[i] >= 0 else None,
             "model_modes_together": [k + 1 for k in pairing.partners(i)],
             "ambiguous_with": [k + 1 for k in pairing.ambiguous.get(i, ())],

@@ -20,6 +20,7 @@ from structid.fem import Structure
 from structid.forward import ModalSettings
 from structid.modal import ModalRecord
 from structid.modal.modal_record import largest_entries
+from structid.modal.shape_uncertainty import ShapeQuantity, mac_with_std
 from structid.similarity import (
     Pairing,
     assign_pairs,
@@ -140,6 +141,20 @@ class ModesCorrelation:
         """Enhanced COMAC of each sensor over all pairs and known entries, (n_channels,); NaN where there is none."""
         x, y = self._pairs_at_sensors
         return ecomac(x, y) if x.size else np.full(len(x), np.nan)
+
+    @cached_property
+    def mac_of_pairs(self) -> ShapeQuantity:
+        """MAC of each measured mode with its mode of the model, (n_measured,), with its deviation by the errors of the shape.
+
+        NaN without a pair; deviation and effect of noise are NaN too where the record states no errors of shapes.
+        """
+        value, std, by_noise = np.full((3, self.measured.n_modes), np.nan)
+        for i in self.pairing.paired.tolist():
+            k = [int(self.pairing.number[i])]
+            of_model = ModalRecord(self.model.frequency[k], [np.nan], self.seen[:, k], self.measured.channels)
+            mac = mac_with_std(self.measured.some_modes([i]), of_model)
+            value[i], std[i], by_noise[i] = mac.value[0, 0], mac.std[0, 0], mac.noise_effect[0, 0]
+        return ShapeQuantity(value, std, by_noise)
 
     @property
     def n_paired(self) -> int:

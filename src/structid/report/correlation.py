@@ -34,6 +34,8 @@ _MOST_NAMED = 8
 #: What the models of a figure are called, one, or two with their colours.
 ALONE, BEFORE_AND_AFTER = ("model",), ("initial", "identified")
 _COLOURS = {"model": palette.FITTED, "initial": palette.INITIAL, "identified": palette.FITTED}
+#: Effect of noise on a MAC that is told: what its three decimals show.
+_TOLD = 5e-4
 #: FDAC maps at most, of the first loads.
 _MOST_MAPS = 2
 Figures = dict[str, plot.Figure]
@@ -42,15 +44,19 @@ Figures = dict[str, plot.Figure]
 def modes_table(correlation: ModesCorrelation) -> Table:
     """Table with a row for each measured mode: its paired model mode, frequency difference, MAC and remark.
 
+    Where the record states errors of shapes, a MAC has its standard deviation and what noise takes from it on the mean.
     Rows of unpaired modes are marked "lost".
     """
-    rows, f = [], correlation.model.frequency
+    rows, f, mac = [], correlation.model.frequency, correlation.mac_of_pairs
     for i, own in enumerate(correlation.measured.frequency.tolist()):
         k = int(correlation.pairing.number[i])
         pair = (NOTHING,) * 4
         if k >= 0:
             difference = percent(float(correlation.frequency_difference[i]))
             pair = (str(k + 1), number(float(f[k]), 5), difference, likeness(float(correlation.pairing.mac[i, k])))
+            if np.isfinite(mac.std[i]):
+                by_noise = f", {mac.noise_effect[i]:.1g} by noise" if mac.noise_effect[i] <= -_TOLD else ""
+                pair = (*pair[:3], f"{pair[3]} \u00b1 {mac.std[i]:.1g}{by_noise}")
         rows.append((str(i + 1), number(own, 5), *pair, correlation.remark(i)))
     header = ("Measured mode", "Measured (Hz)", "Mode of the model", "Model (Hz)", "Difference", "MAC", "Remark")
     marks = tuple("lost" if k < 0 else "" for k in correlation.pairing.number)
