@@ -20,8 +20,8 @@ Test and model: correlated_modes, correlated_responses, pair_modes, expand, mac,
     frac, fdac, subspace_angles
 States: Comparison, compare_states, compare_jointly
 Planning: plan, Plan, PlanOptions
-Use: predict, predict_change, Frf, History, Maxima, Spectrum, RootMeanSquare, Extremes, NaturalModes, AddMass, Scale, AddSupport,
-    AddTunedMassDamper, tune_damper, Remove, sense, UnknownForces, support_acceleration, state_space
+Use: predict, predict_change, Frf, History, Maxima, Spectrum, RootMeanSquare, Extremes, NaturalModes, ModalParticipation,
+    AddMass, Scale, AddSupport, AddTunedMassDamper, tune_damper, Remove, sense, UnknownForces, support_acceleration, state_space
 Problems and estimators: estimate, Estimate, Status, Search, LevenbergMarquardt, GaussNewton, MatrixFree,
     FrfProblem, SpectraProblem, spectra_problem, ModalProblem, JointProblem
 Motion, sample by sample: Motion, Oscillation, RecursiveMotionFit, identify_motion, motion_fit,

@@ -95,6 +95,7 @@ from structid.prediction.changes import AddSupport as AddSupport
 from structid.prediction.changes import AddTunedMassDamper as AddTunedMassDamper
 from structid.prediction.changes import Remove as Remove
 from structid.prediction.changes import Scale as Scale
+from structid.prediction.participation import ModalParticipation as ModalParticipation
 from structid.prediction.predict import predict as predict
 from structid.prediction.predict import predict_change as predict_change
 from structid.prediction.quantities import Extremes as Extremes

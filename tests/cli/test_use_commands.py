@@ -35,8 +35,9 @@ def results(tmp_path_factory):
 
 def test_predict_writes_bands_and_a_page(results, tmp_path):
     done = invoke(
-        "predict", results, "--sensors", "2X,3X", "--lines", 30, "--draws", 60, "--modes", 3, "--out", tmp_path / "p"
-    )
+        "predict", results, "--sensors", "2X,3X", "--lines", 30, "--draws", 60, "--modes", 3, "--participation", "X",
+        "--out", tmp_path / "p",
+    )  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
     assert done.stdout.splitlines()[0].startswith("FRFs and modes predicted from")
     told = json.loads((tmp_path / "p" / "prediction.json").read_text())
@@ -45,20 +46,28 @@ def test_predict_writes_bands_and_a_page(results, tmp_path):
         value = mode["frequency_hz"]["value"]
         assert value["value"] == pytest.approx(own["frequency_hz"])
         assert value["interval_95"][0] < value["value"] < value["interval_95"][1]
+    parts = [mode["part_of_mass"]["value"]["value"] for mode in told["participation"]["X"]]
+    assert (len(parts), sum(parts)) == (3, pytest.approx(1.0))
+    assert "Along X (kg)" in done.stdout
     table = np.genfromtxt(tmp_path / "p" / "frf.csv", delimiter=",", names=True)
     assert len(table) == 30
-    assert "95 % band" in (tmp_path / "p" / "prediction.html").read_text(encoding="utf-8")
+    page = (tmp_path / "p" / "prediction.html").read_text(encoding="utf-8")
+    assert "95 % band" in page
+    assert "Effective mass of each mode" in page
 
 
 def test_predict_tells_what_a_change_does(results, tmp_path):
     done = invoke(
-        "predict", results, "--mass", "1@2", "--draws", 60, "--modes", 2, "--out", tmp_path / "p", "--no-report"
-    )
+        "predict", results, "--mass", "1@2", "--draws", 60, "--modes", 2, "--participation", "X", "--out", tmp_path / "p",
+        "--no-report",
+    )  # fmt: skip
     assert (done.exit_code, done.stderr) == (0, "")
     assert "1 kg added at node 2" in done.stdout
     first = json.loads((tmp_path / "p" / "prediction.json").read_text())["modes"][0]["frequency_hz"]
     assert first["after"]["value"] < first["before"]["value"]
     assert first["difference"]["value"] == pytest.approx(first["after"]["value"] - first["before"]["value"])
+    mass = json.loads((tmp_path / "p" / "prediction.json").read_text())["participation"]["X"][0]["effective_mass_kg"]
+    assert mass["after"]["value"] > mass["before"]["value"]
 
 
 @pytest.mark.parametrize(
@@ -70,6 +79,7 @@ def test_predict_tells_what_a_change_does(results, tmp_path):
         (["--scale", "stiffness"], "a property and a factor"),
         (["--damper", "5@2X"], "kg, Hz, damping ratio and a place"),
         (["--sensors", "9X"], "9X"),
+        (["--participation", "RX"], "--participation must name axes"),
         (["--sensors", "2X", "--kind", "inertance"], "--kind must be one of"),
         (["--history", "push.csv"], "--sensors must name where the motion"),
     ],

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from structid.core.constraints import Limits, part_of_one, require_band, require_declared
+from structid.core.constraints import Limits, part_of_one, require_band, require_declared, split_commas
 from structid.core.errors import InputError
 
 #: Models within the uncertainty behind a band.
@@ -62,6 +62,8 @@ class PredictOptions:
         response there within `band` is smallest over the uncertainty. It is then added as the last of the changes.
     modes : int
         Number of natural modes.
+    participation : str
+        Axes along which the ground moves, with commas between, `X,Y`: participation factors and effective masses of the modes.
     draws : int
         Models within the uncertainty behind each band.
     seed : int
@@ -85,6 +87,7 @@ class PredictOptions:
     motion: str = "acceleration"
     tune_damper: str = ""
     modes: Annotated[int, Limits(least=1)] = 8
+    participation: str = ""
     draws: Annotated[int, Limits(least=50)] = N_DRAWS
     seed: int = 0
 
@@ -93,6 +96,12 @@ class PredictOptions:
         require_declared(self)
         if self.band is not None:
             require_band("band", self.band, is_zero_allowed=False, is_open_allowed=False)
+        axes = split_commas(self.participation)
+        if not set(axes) <= {"X", "Y", "Z"} or len(set(axes)) < len(axes):
+            raise InputError(
+                f"`participation` must name axes of the ground's motion, as X,Y, each once, got {self.participation!r}",
+                "participation",
+            )
         loads = [name for name in ("history", "half_sine", "sine") if getattr(self, name)]
         if len(loads) > 1:
             raise InputError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TypeAlias
 
@@ -19,6 +19,7 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
+from structid.prediction.participation import ModalParticipation
 from structid.prediction.quantities import (
     DerivedQuantity,
     Evaluator,
@@ -127,7 +128,7 @@ def predict(
     ----------
     source : Identification or IdentifiedModel
     quantity : Quantity
-        `Frf`, `History`, `Maxima`, `Spectrum`, `RootMeanSquare`, `Extremes` or `NaturalModes`.
+        `Frf`, `History`, `Maxima`, `Spectrum`, `RootMeanSquare`, `Extremes`, `NaturalModes` or `ModalParticipation`.
     n_draws : int
         Random models within the uncertainty from which the band is made.
     seed : int
@@ -218,10 +219,11 @@ def predict_changes(
     changed, parameters = changed_model(model.structure, model.parameters, changes)
     wanted, followed = list(quantities), list(quantities)
     for i, quantity in enumerate(quantities):
-        if isinstance(quantity, NaturalModes):
+        if isinstance(quantity, NaturalModes | ModalParticipation):
             after_values = parameters.values(model.physical)
-            pair = comparable_modes(quantity, (model.structure, model.values), (changed, after_values))
-            wanted[i], followed[i] = pair
+            lowest = NaturalModes(quantity.n_modes)
+            pair = comparable_modes(lowest, (model.structure, model.values), (changed, after_values))
+            wanted[i], followed[i] = (replace(quantity, n_modes=m.n_modes, reference=m.reference) for m in pair)
     all_before = _draw_all(model, model.structure, model.parameters, wanted, n_draws, seed)
     all_after = _draw_all(model, changed, parameters, followed, n_draws, seed)
     differences = [

@@ -646,22 +646,15 @@ class NaturalModes:
 
         Modes are matched to those at the first of `points` (n_params,), or to the reference.
         """
-        structure.require_modes("modes")
-        n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
-        first = structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
-        if self.reference is not None:
-            first = first[:, self.reference.order_in(structure, first)]
-        mass = structure.matrix("mass", parameters.values(points[0]))
+        modes_at = followed_modes(structure, parameters, points, self)
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency (Hz) and damping ratio (n_modes, 2) of the modes most like the identified ones.
 
             `physical` (n_params,) are the parameters.
             """
-            found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
-            alike = np.abs(first.T @ (mass @ found.mode_shapes))
-            order = alike.argmax(axis=1)
-            return np.stack([found.frequency[order], found.damping_ratio[order]], axis=1)
+            found = modes_at(physical)
+            return np.stack([found.frequency, found.damping_ratio], axis=1)
 
         return evaluate
 
@@ -682,6 +675,31 @@ class NaturalModes:
     def unit(self) -> str:
         """Two units, one a column."""
         return ", ".join(self.units)
+
+
+def followed_modes(
+    structure: Structure, parameters: Parameters, points: Sequence[FloatArray], quantity: NaturalModes
+) -> Callable[[FloatArray], Modes]:
+    """Function from physical parameters to the modes that are most like those at the first of `points`, or like the reference's.
+
+    `points` are physical parameters (n_params,), the identified ones first. `InputError` if the structure has no modes.
+    """
+    structure.require_modes("modes")
+    n_modes = quantity.n_modes if quantity.reference is None else quantity.n_modes + _MORE_MODES
+    first = structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
+    if quantity.reference is not None:
+        first = first[:, quantity.reference.order_in(structure, first)]
+    mass = structure.matrix("mass", parameters.values(points[0]))
+
+    def modes_at(physical: FloatArray) -> Modes:
+        """Modes of the structure at the physical parameters (n_params,), in the order of the first."""
+        found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
+        order = np.abs(first.T @ (mass @ found.mode_shapes)).argmax(axis=1)
+        return Modes(
+            found.frequency[order], found.damping_ratio[order], found.mode_shapes[:, order], found.rounding[order]
+        )
+
+    return modes_at
 
 
 def comparable_modes(

@@ -45,6 +45,28 @@ def modes_table(prediction: Prediction | PredictedChange) -> Table:
     return Table(header, tuple(rows), tuple(range(len(header))))
 
 
+def participation_table(prediction: StudyPrediction) -> Table | None:
+    """Table of the effective mass of each mode along each axis, with the part of the moving mass; None if it was not asked for.
+
+    With changes, of the structure before and after them.
+    """
+    header, columns = ["Mode"], []
+    for axis, found in prediction.participation.items():
+        for label, part in parts_of(found).items():
+            if label == "difference":
+                continue
+            header += [
+                f"Along {axis}{'' if label == 'value' else ' ' + label} (kg)",
+                "Part of the mass",
+                "95 % interval",
+            ]
+            n_modes = range(len(part.values))
+            columns.append([_value(part, (k, 1), float(part.values[:, 1].max())) for k in n_modes])
+            columns += [[_percent(part, (k, 2)) for k in n_modes], [_interval(part, (k, 2), 100) for k in n_modes]]
+    rows = tuple((str(k + 1), *cells) for k, cells in enumerate(zip(*columns, strict=True)))
+    return Table(tuple(header), rows, tuple(range(len(header)))) if columns else None
+
+
 def outputs_table(prediction: Prediction | PredictedChange, title: str = "Largest") -> Table:
     """Table of a quantity with one value for each output, such as the largest predicted motion of each sensor.
 
@@ -137,7 +159,8 @@ def prediction_text(prediction: StudyPrediction) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(heading(prediction), style="bold"), printed(modes_table(prediction.modes))]
     if prediction.damper is not None:
         parts += [Text(prediction.damper.overview().words), printed(damper_table(prediction.damper))]
-    parts += [printed(table) for table in _tables(prediction).values() if table is not None]
+    tables = (participation_table(prediction), *_tables(prediction).values())
+    parts += [printed(table) for table in tables if table is not None]
     parts += [Text(words) for words in (width_words(prediction), prediction.words) if words]
     if prediction.doubt:
         parts.append(Text(f"note: {prediction.doubt}"))
@@ -161,6 +184,7 @@ def prediction_page(prediction: StudyPrediction) -> Page:
         "doubt": prediction.doubt,
         "width": width_words(prediction),
         "modes": modes_table(prediction.modes),
+        "participation": participation_table(prediction),
         **_tables(prediction),
         "loads": prediction.loads,
         "damper": None if prediction.damper is None else damper_table(prediction.damper),

@@ -52,6 +52,7 @@ def predict(
       structid predict tower_results --sensors 40X --history quake.csv --relative --motion displacement
       structid predict tower_results --sensors 40X --noise wind.csv@40X --duration 600
       structid predict bridge_results --sensors 12Y --mass 500@12 --scale "bending_stiffness[deck]=1.1"
+      structid predict tower_results --participation X,Y --modes 12
       structid predict tower_results --sensors 40X --damper 800,0.62,0.12@40X
       structid predict tower_results --sensors 40X --tune-damper 800@40X
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -26,6 +26,7 @@ from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.linear_response import Input, is_support, support_base
 from structid.prediction.loads import coloured_noise, half_sine, read_density, sine
 from structid.prediction.options import PredictOptions
+from structid.prediction.participation import ModalParticipation
 from structid.prediction.predict import PredictedChange, Prediction, predict_changes, predict_together
 from structid.prediction.quantities import (
     Extremes,
@@ -80,6 +81,8 @@ class StudyPrediction:
         The damper that was tuned, one of the changes.
     doubt : str
         Why the model behind it is not to be trusted; "" where it is.
+    participation : dict of str to Prediction or PredictedChange
+        Of the modes, by the axis along which the ground moves.
     """
 
     folder: Path
@@ -96,6 +99,7 @@ class StudyPrediction:
     loads: str = ""
     damper: TunedDamper | None = None
     doubt: str = ""
+    participation: dict[str, Prediction | PredictedChange] = field(default_factory=dict)
 
     @property
     def words(self) -> str:
@@ -187,7 +191,8 @@ def predict_stored(
             history, maxima = of(pushed, Maxima(pushed))
             words.append(f"history and maxima under one sample of it (seed {options.seed})")
     told = tuple(change.words for change in changes)
-    [modes] = of(NaturalModes(options.modes))
+    axes = split_commas(options.participation)
+    modes, *shares = of(NaturalModes(options.modes), *(ModalParticipation(axis, options.modes) for axis in axes))
     return StudyPrediction(
         folder,
         source.title,
@@ -203,6 +208,7 @@ def predict_stored(
         "; ".join(words),
         damper,
         stored_doubt(folder),
+        dict(zip(axes, shares, strict=True)),
     )
 
 
@@ -451,7 +457,7 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
     """The content of prediction.json.
 
     The keys are ``title``, ``results``, ``changes``, ``bands``, ``warnings``, ``level``, ``modes``, and, where they were asked for,
-    ``loads``, ``tuned_damper``, ``maxima``, ``root_mean_square``, ``largest`` and ``duration_s``.
+    ``participation``, ``loads``, ``tuned_damper``, ``maxima``, ``root_mean_square``, ``largest`` and ``duration_s``.
     """
     modes = parts_of(prediction.modes)
     return {
@@ -468,6 +474,7 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
             }
             for k in range(len(next(iter(modes.values())).values))
         ],
+        **({"participation": _participation_entry(prediction)} if prediction.participation else {}),
         **({"loads": prediction.loads} if prediction.loads else {}),
         **({} if prediction.damper is None else {"tuned_damper": _damper_entry(prediction.damper)}),
         **({} if prediction.maxima is None else {"maxima": _output_entries(parts_of(prediction.maxima))}),
@@ -481,6 +488,21 @@ def prediction_summary(prediction: StudyPrediction) -> dict[str, StoredEntry]:
             if prediction.largest is None
             else {"largest": _output_entries(parts_of(prediction.largest)), "duration_s": prediction.duration}
         ),
+    }
+
+
+def _participation_entry(prediction: StudyPrediction) -> dict[str, StoredEntry]:
+    """Participation factor, effective mass and its part of the moving mass of every mode, by the axis of the ground's motion."""
+    names = ("factor_kg05", "effective_mass_kg", "part_of_mass")
+    return {
+        axis: [
+            {
+                name: {label: _value(part, (k, i)) for label, part in parts_of(found).items()}
+                for i, name in enumerate(names)
+            }
+            for k in range(len(next(iter(parts_of(found).values())).values))
+        ]
+        for axis, found in prediction.participation.items()
     }
 
 
