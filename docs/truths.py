@@ -53,6 +53,10 @@ HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
         and end["slowest"](end["truth"], end["regulate"](end["identified"])) < 0
         and (end["poles"] < 0).all()
     ),
+    "records/roller_at_six_places": lambda end: (
+        close((end["answer"] - end["places"]) / end["std"], np.zeros(6), absolute=4.0)
+        and close(end["answer"], end["places"], absolute=3e-4)
+    ),
     "commands/explain": lambda end: near(end["found"], bending_stiffness_beam=30.0, stiffness_support_0RZ=400.0),
     "commands/identify": lambda end: (
         near(end["found"], mass_tip=0.12) and noise_deviation(end["found"], "mass[tip]") < 1e-3

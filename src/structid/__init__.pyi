@@ -84,7 +84,7 @@ from structid.inversion.state_comparison import compare_states as compare_states
 from structid.modal import ModalRecord as ModalRecord
 from structid.modal import identify_modes as identify_modes
 from structid.modal import merge_modes as merge_modes
-from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh as pseudo_rayleigh
+from structid.modal.rayleigh import pseudo_rayleigh as pseudo_rayleigh
 from structid.modal.survey.survey import ModesOptions as ModesOptions
 from structid.modal.survey.survey import modes_of_file as modes_of_file
 from structid.planning.plan import plan as plan

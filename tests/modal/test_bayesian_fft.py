@@ -10,7 +10,7 @@ from spectral_cases import CLOSE, close_pair, covariances, drawn_lines, modes_of
 from structid import InputError, TimeRecord
 from structid.modal import ModalOptions, identify_modes
 from structid.modal.correlations import outputs
-from structid.modal.spectral.bayesian_fft import _band_warnings, bayesian_fft
+from structid.modal.spectral.bayesian_fft import Posterior, _band_warnings, _inverse, bayesian_fft, hessian, posterior
 from structid.modal.spectral.bayesian_fft_likelihood import (
     chart,
     coordinates,
@@ -19,7 +19,6 @@ from structid.modal.spectral.bayesian_fft_likelihood import (
     negative_log_likelihood,
     transfer,
 )
-from structid.modal.spectral.bayesian_fft_search import Posterior, _inverse, hessian, posterior
 from structid.modal.spectral.peaks import Band
 from structid.similarity import mac
 

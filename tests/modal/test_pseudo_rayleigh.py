@@ -9,8 +9,7 @@ from structid.dynamics.normal_modes import modes
 from structid.dynamics.transient import free_decay
 from structid.fem import Membrane
 from structid.modal import ModalRecord, stationary_values
-from structid.modal.rayleigh.free_motion import sample_weights
-from structid.modal.rayleigh.pseudo_rayleigh import _omega, _real_where_close, pseudo_rayleigh
+from structid.modal.rayleigh import _omega, _real_where_close, pseudo_rayleigh, sample_weights
 from structid.reproduce.chapter_5 import free_record
 from structid.similarity import mac, subspace_angles
 

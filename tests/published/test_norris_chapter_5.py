@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh
+from structid.modal.rayleigh import pseudo_rayleigh
 from structid.reproduce.chapter_5 import beam_record, folded_omega, items, membrane_eigenvalues, membrane_record
 from structid.reproduce.reproduction import ReproducedItem, Verdict
 from structid.similarity import mac

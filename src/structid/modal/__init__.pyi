@@ -13,8 +13,8 @@ from structid.modal.modal_record import ModalRecord as ModalRecord
 from structid.modal.poles.poles import HardCriteria as HardCriteria
 from structid.modal.poles.poles import Poles as Poles
 from structid.modal.poles.window_damping import without_window_damping as without_window_damping
-from structid.modal.rayleigh.pseudo_rayleigh import StationaryValues as StationaryValues
-from structid.modal.rayleigh.pseudo_rayleigh import pseudo_rayleigh as pseudo_rayleigh
-from structid.modal.rayleigh.pseudo_rayleigh import stationary_values as stationary_values
+from structid.modal.rayleigh import StationaryValues as StationaryValues
+from structid.modal.rayleigh import pseudo_rayleigh as pseudo_rayleigh
+from structid.modal.rayleigh import stationary_values as stationary_values
 from structid.modal.spectral.bayesian_fft import bayesian_fft as bayesian_fft
 from structid.modal.spectral.fdd import fdd as fdd

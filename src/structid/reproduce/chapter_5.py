@@ -20,7 +20,7 @@ from structid.dynamics.normal_modes import modes
 from structid.dynamics.transient import FreeDecay, free_decay
 from structid.fem import Membrane, Structure
 from structid.modal import StationaryValues, stationary_values
-from structid.modal.rayleigh.pseudo_rayleigh import Form, Pair, Rule
+from structid.modal.rayleigh import Form, Pair, Rule
 from structid.records import TimeRecord
 from structid.records.record import Quantity
 from structid.reproduce.reproduction import (

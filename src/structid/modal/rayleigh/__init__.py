@@ -1,1 +1,0 @@
-"""The pseudo-Rayleigh quotient of free motion."""
