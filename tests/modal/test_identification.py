@@ -204,6 +204,10 @@ def test_records_must_fit_together():
         identify_modes([first, record_of(white(), 25.0)])
     with pytest.raises(InputError, match="got forces only"):
         identify_modes(record_of(white(), quantity="force"))
+    with pytest.raises(
+        InputError, match="must be one or more records, got int; .* `record` of what `remove_tones` gives"
+    ):
+        identify_modes(5)
     with pytest.raises(InputError, match="one or more TimeRecords"):
         identify_modes([])
 

@@ -128,7 +128,8 @@ def modal_identification(
     Raises
     ------
     InputError
-        If the method does not exist or does not suit the records, or a frequency asked for lies above half the sampling rate.
+        If `records` are none, the method does not exist or does not suit them, or a frequency asked for lies above half the
+        sampling rate.
     NoModesError
         If no mode can be relied on.
     """
@@ -157,6 +158,11 @@ def modal_identification(
         suits = " or ".join(name for name, known in METHODS.items() if known.of_frfs)
         raise InputError(f"`method` must be {suits} for an FrfRecord, got {method!r}, which needs time records")
     if not isinstance(records, FrfRecord):
+        if not isinstance(records, TimeRecord | Sequence):
+            raise InputError(
+                f"`records` must be one or more records, got {type(records).__name__}; read them from a file, or take the"
+                " `record` of what `remove_tones` gives"
+            )
         _require_below_nyquist(records, options)
     found = METHODS[method].identify(records, options)
     if options.deviation is None:
