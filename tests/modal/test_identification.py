@@ -205,7 +205,7 @@ def test_records_must_fit_together():
     with pytest.raises(InputError, match="got forces only"):
         identify_modes(record_of(white(), quantity="force"))
     with pytest.raises(
-        InputError, match="must be one or more records, got int; .* `record` of what `remove_tones` gives"
+        InputError, match=r"must be one or more records, got int; .* `record` of what `remove_tones` gives"
     ):
         identify_modes(5)
     with pytest.raises(InputError, match="one or more TimeRecords"):
