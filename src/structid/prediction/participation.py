@@ -1,4 +1,4 @@
-"""How much of a structure's mass each mode moves when the ground does: participation factors and effective masses."""
+"""Participation factors and effective masses: the part of the mass that each mode moves when the ground does."""
 
 from __future__ import annotations
 
