@@ -11,6 +11,7 @@ from scipy import linalg, sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError, SingularModelError
+from structid.core.last_results import LastResults
 from structid.fem.elements.element import PropertyMatrices
 from structid.fem.matrices.blocks import Blocks
 from structid.fem.matrices.contribution import Contribution, Factor
@@ -19,6 +20,8 @@ from structid.fem.matrices.contribution import Contribution, Factor
 ALL_MODES = "all modes"
 #: Largest model; and most entries of the matrix times values of masses and stiffnesses.
 _MOST_DOFS, _MOST_SLOPES = 1200, 1_000_000_000
+#: Slopes by all values together that are kept, 32 MB.
+_MOST_KEPT = 4_000_000
 #: Part of what a motion takes along in stiffness or mass below which it has none: a rigid body's, or one without mass.
 _NOTHING = 1e-13
 
@@ -123,8 +126,21 @@ class ModalDamping(Factor):
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
         """Derivative of the damping entries (n_entries,) by value `number` of those they depend on; see `Factor.slope`."""
-        alone = sparse.csr_array(([1.0], ([self._values[number]], [0])), (self.n_values, 1))
-        return self.change(values, alone).toarray()[:, 0]
+        if len(self.rows) * len(self._values) > _MOST_KEPT:
+            return self.change(values, self._alone([number])).toarray()[:, 0]
+        every = self._alone(range(len(self._values)))
+        table = self._last_slopes.get_or_make(values.tobytes(), lambda: self.change(values, every).toarray().T)
+        return np.asarray(table[number])
+
+    def _alone(self, numbers: Sequence[int]) -> sparse.csr_array:
+        """Derivative (n_values, n) of all values by those with the given `numbers` among the ones that damping depends on."""
+        columns = np.arange(len(numbers))
+        return sparse.csr_array((np.ones(len(numbers)), (self._values[list(numbers)], columns)), (self.n_values, len(numbers)))
+
+    @cached_property
+    def _last_slopes(self) -> LastResults[bytes, FloatArray]:
+        """Slopes by all values that damping depends on, a row each, at the values last asked for."""
+        return LastResults(1)
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
         """Derivative of the damping entries by parameters, sparse (n_entries, n_parameters), at property `values`.

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.last_results import LastResults
 from structid.fem import Structure
 from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
 from structid.fem.matrices.contribution import Contribution
@@ -281,7 +283,18 @@ class DenseSlopes:
     operators: tuple[sparse.csr_array, ...]
 
     def at(self, values: FloatArray) -> DenseForces:
-        """Operator for the forces (dZ/dp) x of the structure with the property `values` (n_values,), physical units."""
+        """Operator for the forces (dZ/dp) x of the structure with the property `values` (n_values,), physical units.
+
+        The last one is kept: a record at a few lines may share it with the same structure at others.
+        """
+        return self._last.get_or_make(values.tobytes(), lambda: self._filled(values))
+
+    @cached_property
+    def _last(self) -> LastResults[bytes, DenseForces]:
+        return LastResults(1)
+
+    def _filled(self, values: FloatArray) -> DenseForces:
+        """`forces` with its maps at the property `values` (n_values,)."""
         slopes: list[FloatArray] = [np.zeros(0)]
         for member, used in self.slots:
             slopes += [self.structure.contributions[member].slope(values, k) for k in used]

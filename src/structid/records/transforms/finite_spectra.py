@@ -103,7 +103,7 @@ class FiniteSpectra:
         """Ratio of recorded to acting inputs, (n_frequencies, n_inputs): 1 for forces, s^2 for support accelerations."""
         return self.laplace[:, None] ** (2 * self.driven)[None, :]
 
-    @property
+    @cached_property
     def hold_factor(self) -> ComplexArray:
         """Transform of a first-order hold input over that of its samples, (n_frequencies,).
 
@@ -114,7 +114,7 @@ class FiniteSpectra:
         half = 0.5 * self.straight * self.laplace
         return (np.sinh(half) / half) ** 2
 
-    @property
+    @cached_property
     def hold_aliases(self) -> ComplexArray:
         """Alias terms of a first-order hold input in sampled motions, (n_frequencies, n_outputs); 0 unless `straight`.
 
