@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from copy import copy
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -17,6 +18,11 @@ IntArray = NDArray[np.integer]
 NumberArray = NDArray[np.inexact]
 #: Whatever a caller brings or a file holds.
 AnyArray = NDArray[Any]
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+Sparse = TypeVar("Sparse", "sparse.csr_array", "sparse.csc_matrix")
 
 # The C library of Linux keeps from now on, instead of asking the system page by page each time, what arrays up to this size
 # leave behind: it learns that from the largest one that was given back, 32 MB at most.
@@ -109,3 +115,13 @@ def square_root(covariance: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh((covariance + covariance.T) / (2 * np.outer(scale, scale)))
     kept = values > len(size) * np.finfo(float).eps * max(float(values.max(initial=0.0)), 1.0)
     return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def with_entries(matrix: Sparse, entries: NumberArray) -> Sparse:
+    """A compressed sparse matrix with the pattern of `matrix`, which shares its indices, and other `entries` (n_entries,).
+
+    Sizes and indices are not checked again, which takes longer than a product with a small matrix.
+    """
+    other = copy(matrix)
+    other.data = entries
+    return other

@@ -278,21 +278,27 @@ def _matches_direct_solution(fields: ComplexArray, dynamic: ComplexArray, loads:
     right = loads.astype(np.complex128)
     try:
         exact = np.linalg.solve(dynamic, right)
-        difference = _difference(fields, exact)
-        if difference <= TOLERANCE:
+        differences = _differences(fields, exact)
+        if differences.max() <= TOLERANCE:
             return True
         digit = np.finfo(np.float64).eps * np.random.default_rng(0).uniform(-1.0, 1.0, dynamic.shape[1:])
-        other = np.linalg.solve((dynamic * (1 + digit))[:, ::-1, ::-1], right[::-1])[:, ::-1]
+        for lines in ([int(differences.argmax())], slice(None)):  # the worst line mostly says enough
+            other = np.linalg.solve((dynamic[lines] * (1 + digit))[:, ::-1, ::-1], right[::-1])[:, ::-1]
+            if differences.max() <= ROUNDINGS * _differences(other, exact[lines]).max():
+                return True
     except np.linalg.LinAlgError:
         return False
-    return difference <= ROUNDINGS * _difference(other, exact)
+    return False
 
 
-def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
-    """Largest difference between two fields (n_lines, n_dofs, n_loads), relative to the largest entry of each exact field."""
+def _differences(fields: ComplexArray, exact: ComplexArray) -> FloatArray:
+    """Largest difference between two fields (n_lines, n_dofs, n_loads) at each line, (n_lines,).
+
+    It is relative to the largest entry of each exact field.
+    """
     largest = np.abs(exact).max(axis=1)
     off = np.abs(fields - exact).max(axis=1)
-    return float((off / np.where(largest > 0, largest, 1.0)).max())
+    return np.asarray((off / np.where(largest > 0, largest, 1.0)).max(axis=1))
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:

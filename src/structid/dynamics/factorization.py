@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from structid.core.arrays import FloatArray, IntArray, NumberArray
+from structid.core.arrays import FloatArray, IntArray, NumberArray, with_entries
 from structid.core.errors import InputError
 
 __all__ = [
@@ -199,6 +199,14 @@ class SuperLuAnalysis:
         indptr = np.concatenate([[0], np.cumsum(np.bincount(new_position[columns], minlength=n))])
         return np.argsort(new_position), entry, (keys[entry] % n).astype(np.int32), indptr.astype(np.int32)
 
+    @cached_property
+    def _reordered(self) -> sparse.csc_matrix:
+        """A matrix of the reordered pattern, (n, n), whose indices are checked once for all factorizations."""
+        _, entry, indices, indptr = self._ordering
+        matrix = sparse.csc_matrix((np.zeros(len(entry)), indices, indptr), (len(indptr) - 1,) * 2)
+        matrix.sum_duplicates()
+        return matrix
+
     def factor(self, entries: NumberArray) -> SuperLuFactor:
         """Factorization of the matrix with `entries` (n_entries,), in the order of the pattern.
 
@@ -207,13 +215,12 @@ class SuperLuAnalysis:
         SingularMatrixError
             If an entry is not finite or the matrix is singular.
         """
-        order, entry, indices, indptr = self._ordering
-        n = len(indptr) - 1
+        order, entry, _, _ = self._ordering
         if not np.isfinite(entries).all():
             raise SingularMatrixError("the matrix has entries that are not finite")
         try:
             factor = splu(
-                sparse.csc_matrix((entries[entry], indices, indptr), (n, n)),
+                with_entries(self._reordered, entries[entry]),
                 permc_spec="NATURAL",
                 diag_pivot_thresh=_PIVOT,
                 options={"SymmetricMode": True, "Equil": True},

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, with_entries
 from structid.core.last_results import LastResults
 from structid.fem import Structure
 from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
@@ -96,8 +96,12 @@ class ParameterForces:
         """
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)
-        shape = (self.n_params, self.n_dofs)
-        return [sparse.csr_array((column, self.indices, self.indptr), shape) @ rows for column in entries]
+        return [with_entries(self._pattern, column) @ rows for column in entries]
+
+    @cached_property
+    def _pattern(self) -> sparse.csr_array:
+        """A matrix (n_params, n_dofs) of the pattern of all forces, whose indices are checked once for all lines."""
+        return sparse.csr_array((np.zeros(len(self.indices)), self.indices, self.indptr), (self.n_params, self.n_dofs))
 
     def projected(self, factors: ComplexArray, vectors: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """Products y' V' (dZ/dp) V x without conjugate for a reduced basis V at every line, (n_lines, n_y, n_x, n_params).
