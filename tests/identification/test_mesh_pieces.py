@@ -16,6 +16,7 @@ from structid.identification.mesh_pieces import MESH_WARNINGS, MeshPieces, judge
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
+from structid.study.run import run as study_run
 from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study
@@ -193,8 +194,24 @@ def test_a_record_that_only_the_drawn_elements_fit_keeps_them(tmp_path, record):
     assert kept.structure.subdivide == 1
     np.testing.assert_array_equal(kept.estimate.values, stated.estimate.values)
     assert kept.mesh.startswith("the record fits the elements of ")
-    assert " as drawn (chi-square 1.0 times what is expected) and not divided into " in kept.mesh
+    assert " as drawn (chi-square 1.0 times what is expected) and not divided into 2 pieces (" in kept.mesh
     assert not any(words.startswith(MESH_WARNINGS) for words in kept.warnings)
+
+
+def test_halves_tell_of_a_record_that_only_the_drawn_elements_fit(tmp_path, record, monkeypatch):
+    """Where very many pieces would be asked for, two of them are enough to see that none fit, and no more are tried."""
+    tried: list[int] = []
+    monkeypatch.setattr(
+        study_run, "judge_pieces", lambda *args: replace(judge_pieces(*args), moved=1e5, finer_minimum={"": 0.0})
+    )
+    monkeypatch.setattr(study_run, "with_pieces", lambda *args: tried.append(args[-1]) or with_pieces(*args))
+    coarse = cantilever(BENDING, HOLD, 1)
+    simulated = sid.simulated_record(coarse, sid.parameters(coarse, []), record, 0.05, np.random.default_rng(3))
+    kept = run_study(load_study(written(tmp_path, simulated))).identification
+    assert tried == [2]
+    assert " and not divided into 2 pieces (" in kept.mesh
+    assert kept.mesh.endswith("`subdivide = 32` in [structure] divides them")
+    assert kept.structure.subdivide == 1
 
 
 def test_two_states_of_a_comparison_have_as_many_pieces(tmp_path, record):

@@ -135,7 +135,9 @@ class ModalDamping(Factor):
     def _alone(self, numbers: Sequence[int]) -> sparse.csr_array:
         """Derivative (n_values, n) of all values by those with the given `numbers` among the ones that damping depends on."""
         columns = np.arange(len(numbers))
-        return sparse.csr_array((np.ones(len(numbers)), (self._values[list(numbers)], columns)), (self.n_values, len(numbers)))
+        return sparse.csr_array(
+            (np.ones(len(numbers)), (self._values[list(numbers)], columns)), (self.n_values, len(numbers))
+        )
 
     @cached_property
     def _last_slopes(self) -> LastResults[bytes, FloatArray]:

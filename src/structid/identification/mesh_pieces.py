@@ -170,14 +170,17 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
     return f"{words}, which fits the record better (chi-square {drawn_misfit} for {misfit} times what is expected)"
 
 
-def kept_words(drawn: Identification, divided: Identification, count: int) -> str:
-    """A sentence on elements that stay as `drawn`, since the record fits them and not the ones `divided` into `count` pieces."""
+def kept_words(drawn: Identification, divided: Identification, count: int, needed: int) -> str:
+    """A sentence on elements that stay as `drawn`, since the record fits them and not the ones `divided` into `count` pieces.
+
+    `needed` is the number of pieces that a record of no such elements would ask for.
+    """
     misfits = [_rounded(answer.estimate.goodness.misfit) for answer in (drawn, divided)]
     names = join_words(_divisible_names(divided), 4)
     return (
         f"the record fits the elements of {names} as drawn (chi-square {misfits[0]} times what is"
         f" expected) and not divided into {count} pieces ({misfits[1]} times), as a record does that was simulated with the drawn"
-        f" ones: they stay as drawn; `subdivide = {count}` in [structure] divides them"
+        f" ones: they stay as drawn; `subdivide = {needed}` in [structure] divides them"
     )
 
 
