@@ -97,54 +97,7 @@ function studyRecords(app, look) {
         ? h(
             "ul",
             {class: "plain"},
-            all.map((one, k) => {
-              const name = recordName(one, k),
-                out = h(
-                  "button",
-                  {
-                    class: "small",
-                    type: "button",
-                    disabled: !app.folder.writable,
-                    "aria-label": `Take out record ${name}`,
-                    onclick: () =>
-                      app.doing(out, async () => {
-                        await app.edit(
-                          [{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}],
-                          `Record ${name} is taken out of the study; its file stays`,
-                        );
-                        app.go("records");
-                      }),
-                  },
-                  "Take out",
-                );
-              const away = !app.folder.records.some(({path}) => path === fileOf(app, one));
-              return h(
-                "li",
-                {},
-                h(
-                  "div",
-                  {class: "row"},
-                  h(
-                    "button",
-                    {
-                      class: "small",
-                      type: "button",
-                      disabled: away,
-                      "aria-pressed": k === number ? "true" : "false",
-                      "aria-label": `${k === number ? "Shown" : "Show"} record ${name}`,
-                      onclick: () => {
-                        app.record = k;
-                        look(fileOf(app, one));
-                      },
-                    },
-                    k === number ? "Shown" : "Show",
-                  ),
-                  h("span", {}, name, one.modes ? h("span", {class: "muted"}, " modes") : null),
-                  away ? h("span", {class: "state bad"}, "its file is not in this folder") : null,
-                  out,
-                ),
-              );
-            }),
+            all.map((one, k) => studyRecord(app, one, k, k === number, look)),
           )
         : h("p", {class: "muted"}, "None yet."),
       h("p", {class: "note"}, "To add one, choose its file below."),
@@ -153,123 +106,71 @@ function studyRecords(app, look) {
   return {box, draw};
 }
 
+// The k-th record of the study, with buttons that show it and take it out.
+function studyRecord(app, record, k, isShown, look) {
+  const name = recordName(record, k),
+    path = fileOf(app, record),
+    isAway = !app.folder.records.some((file) => file.path === path);
+  const show = h(
+    "button",
+    {
+      class: "small",
+      type: "button",
+      disabled: isAway,
+      "aria-pressed": isShown ? "true" : "false",
+      "aria-label": `${isShown ? "Shown" : "Show"} record ${name}`,
+      onclick: () => {
+        app.record = k;
+        look(path);
+      },
+    },
+    isShown ? "Shown" : "Show",
+  );
+  const remove = h(
+    "button",
+    {
+      class: "small",
+      type: "button",
+      disabled: !app.folder.writable,
+      "aria-label": `Take out record ${name}`,
+      onclick: () =>
+        app.doing(remove, async () => {
+          await app.edit(
+            [{remove: Array.isArray(app.now.table.record) ? ["record", k] : ["record"]}],
+            `Record ${name} is taken out of the study; its file stays`,
+          );
+          app.go("records");
+        }),
+    },
+    "Take out",
+  );
+  return h(
+    "li",
+    {},
+    h(
+      "div",
+      {class: "row"},
+      show,
+      h("span", {}, name, record.modes ? h("span", {class: "muted"}, " modes") : null),
+      isAway ? h("span", {class: "state bad"}, "its file is not in this folder") : null,
+      remove,
+    ),
+  );
+}
+
 const PROPERTIES = [
   ["gain", "gain (1)"],
   ["delay", "delay, s"],
   ["polarity", "polarity, + or −"],
 ];
 
-// Sensors and load cells that may be wrong: [[record.channel_error]] of the shown record.
+// Sensors and load cells that may be wrong: [[record.channel_error]] of the shown record, whose facts are `found`.
 function channelErrors(box, app, found) {
-  const record = records(app)[app.record],
-    list = record.channel_error || [],
-    isModes = found.kind === "modes",
-    away = !app.folder.writable;
-  const say = async (edits, words) => {
+  const errors = records(app)[app.record].channel_error || [];
+  const edit = async (edits, words) => {
     await app.edit(edits, words);
     channelErrors(box, app, found);
   };
-  const rows = list.map((one, k) => {
-    const channels = ["outputs", "inputs"]
-      .flatMap((end) =>
-        one[end] === undefined
-          ? []
-          : [
-              [one[end]]
-                .flat()
-                .map((name) => (name === "all" ? `all ${end === "outputs" ? "sensors" : "loads"}` : name))
-                .join(", "),
-            ],
-      )
-      .join(", ");
-    const out = h(
-      "button",
-      {
-        class: "small",
-        type: "button",
-        disabled: away,
-        "aria-label": `Remove the ${one.property} of ${channels}`,
-        onclick: () =>
-          app.doing(out, () =>
-            say(
-              [{remove: [...recordPath(app), "channel_error", k]}],
-              `The ${one.property} of ${channels} counts as known`,
-            ),
-          ),
-      },
-      "Remove",
-    );
-    return [
-      one.property,
-      channels || "all channels",
-      one.each || one.property === "polarity" ? "one each" : "in common",
-      one.start ?? "",
-      priorWords(one.prior),
-      out,
-    ];
-  });
-  const called = (name) => {
-    const bare = name.replace(/[+-]$/, "");
-    return (record.relabel || {})[bare] ?? name;
-  };
-  const ends = found.channels
-    .filter((one) => !isModes || one.role !== "load")
-    .slice(0, 300)
-    .map((one) => [
-      `${one.role === "load" ? "inputs" : "outputs"} ${called(one.name)}`,
-      `${one.role === "load" ? "load " : ""}${called(one.name)}`,
-    ]);
-  const all = [["outputs all", "all sensors"], ...(isModes ? [] : [["inputs all", "all loads"]])];
-  const property = h(
-      "select",
-      {id: "error-property", "data-kept": true},
-      options(isModes ? PROPERTIES.slice(0, 1) : PROPERTIES),
-    ),
-    channels = h(
-      "select",
-      {id: "error-channels", "data-kept": true, multiple: true, size: Math.min(6, ends.length + all.length)},
-      options([...all, ...ends], "outputs all"),
-    );
-  const each = h("input", {type: "checkbox", id: "error-each", "data-kept": true, checked: true}),
-    prior = h("input", {id: "error-prior", spellcheck: "false", placeholder: "as in 1 ± 2.5 %"});
-  const add = h(
-    "button",
-    {
-      class: "main",
-      type: "button",
-      disabled: away,
-      onclick: () =>
-        app.doing(add, async () => {
-          const chosen = [...channels.selectedOptions].map((one) => one.value.split(" ")),
-            entry = {property: JSON.stringify(property.value)};
-          if (!chosen.length) {
-            throw new Error("Choose the channels that may be wrong");
-          }
-          for (const end of ["outputs", "inputs"]) {
-            const names = chosen.filter(([which]) => which === end).map(([, name]) => name);
-            if (names.length) {
-              entry[end] = names.includes("all") ? '"all"' : toml(names);
-            }
-          }
-          if (property.value !== "polarity") {
-            if (each.checked) {
-              entry.each = "true";
-            }
-            if (prior.value.trim()) {
-              entry.prior = priorWritten(prior.value);
-            }
-          }
-          await say(
-            [{add: [...recordPath(app), "channel_error"], table: entry}],
-            `The ${property.value} of these channels is sought`,
-          );
-        }),
-    },
-    "Add",
-  );
-  property.addEventListener("change", () => {
-    prior.disabled = each.disabled = property.value === "polarity";
-  });
   fill(
     box,
     h("h2", {}, "Channels that may be wrong"),
@@ -278,21 +179,155 @@ function channelErrors(box, app, found) {
       {class: "note"},
       "A reading is polarity × gain × the truth, late by the delay. What is listed here is identified together with the structure and reported with its interval.",
     ),
-    rows.length
-      ? table(["error", "channels", "", "start", "prior", ""], rows)
+    errors.length
+      ? table(
+          ["error", "channels", "", "start", "prior", ""],
+          errors.map((one, k) => errorRow(app, one, k, edit)),
+        )
       : h("p", {class: "muted"}, "All channels are taken to be right."),
-    h(
-      "div",
-      {class: "row end"},
-      field("Error", property),
-      field("Channels", channels),
-      field("Prior, mean ± std", prior),
-      h("label", {class: "check"}, each, "one for each channel"),
-      add,
-    ),
+    newError(app, channelChoices(app, found), edit),
   );
 }
 
+// The channels of a channel error in words.
+const channelWords = (error) =>
+  ["outputs", "inputs"]
+    .filter((end) => error[end] !== undefined)
+    .map((end) =>
+      [error[end]]
+        .flat()
+        .map((name) => (name === "all" ? `all ${end === "outputs" ? "sensors" : "loads"}` : name))
+        .join(", "),
+    )
+    .join(", ");
+
+// The cells of the k-th channel error, with a button that removes it.
+function errorRow(app, error, k, edit) {
+  const channels = channelWords(error);
+  const remove = h(
+    "button",
+    {
+      class: "small",
+      type: "button",
+      disabled: !app.folder.writable,
+      "aria-label": `Remove the ${error.property} of ${channels}`,
+      onclick: () =>
+        app.doing(remove, () =>
+          edit(
+            [{remove: [...recordPath(app), "channel_error", k]}],
+            `The ${error.property} of ${channels} counts as known`,
+          ),
+        ),
+    },
+    "Remove",
+  );
+  return [
+    error.property,
+    channels || "all channels",
+    error.each || error.property === "polarity" ? "one each" : "in common",
+    error.start ?? "",
+    priorWords(error.prior),
+    remove,
+  ];
+}
+
+// Channels to choose from, as the study calls them: "outputs 5X" or "inputs all", and the words for it. Modes have no loads.
+function channelChoices(app, found) {
+  const {relabel = {}} = records(app)[app.record],
+    isModes = found.kind === "modes";
+  const called = (name) => relabel[name.replace(/[+-]$/, "")] ?? name;
+  return [
+    ["outputs all", "all sensors"],
+    ...(isModes ? [] : [["inputs all", "all loads"]]),
+    ...found.channels
+      .filter((one) => !isModes || one.role !== "load")
+      .slice(0, 300)
+      .map(({role, name}) =>
+        role === "load"
+          ? [`inputs ${called(name)}`, `load ${called(name)}`]
+          : [`outputs ${called(name)}`, called(name)],
+      ),
+  ];
+}
+
+// Fields that add a channel error; where no loads can be chosen, the record holds modes, which have gains alone.
+function newError(app, choices, edit) {
+  const hasLoads = choices.some(([value]) => value === "inputs all");
+  const property = h(
+    "select",
+    {
+      id: "error-property",
+      "data-kept": true,
+      onchange: () => {
+        prior.disabled = each.disabled = property.value === "polarity";
+      },
+    },
+    options(hasLoads ? PROPERTIES : PROPERTIES.slice(0, 1)),
+  );
+  const channels = h(
+    "select",
+    {id: "error-channels", "data-kept": true, multiple: true, size: Math.min(6, choices.length)},
+    options(choices, "outputs all"),
+  );
+  const each = h("input", {type: "checkbox", id: "error-each", "data-kept": true, checked: true}),
+    prior = h("input", {id: "error-prior", spellcheck: "false", placeholder: "as in 1 ± 2.5 %"});
+  const add = h(
+    "button",
+    {
+      class: "main",
+      type: "button",
+      disabled: !app.folder.writable,
+      onclick: () =>
+        app.doing(add, async () => {
+          const chosen = [...channels.selectedOptions].map((one) => one.value.split(" "));
+          await edit(
+            [
+              {
+                add: [...recordPath(app), "channel_error"],
+                table: errorEntry(property.value, chosen, each.checked, prior.value),
+              },
+            ],
+            `The ${property.value} of these channels is sought`,
+          );
+        }),
+    },
+    "Add",
+  );
+  return h(
+    "div",
+    {class: "row end"},
+    field("Error", property),
+    field("Channels", channels),
+    field("Prior, mean ± std", prior),
+    h("label", {class: "check"}, each, "one for each channel"),
+    add,
+  );
+}
+
+// A table [[record.channel_error]] as texts of TOML by key; `chosen` are pairs of "outputs" or "inputs" and a name.
+function errorEntry(property, chosen, isEach, prior) {
+  if (!chosen.length) {
+    throw new Error("Choose the channels that may be wrong");
+  }
+  const entry = {property: JSON.stringify(property)};
+  for (const end of ["outputs", "inputs"]) {
+    const names = chosen.filter(([which]) => which === end).map(([, name]) => name);
+    if (names.length) {
+      entry[end] = names.includes("all") ? '"all"' : toml(names);
+    }
+  }
+  if (property !== "polarity") {
+    if (isEach) {
+      entry.each = "true";
+    }
+    if (prior.trim()) {
+      entry.prior = priorWritten(prior);
+    }
+  }
+  return entry;
+}
+
+// Time histories of a file, with channels to choose and a span of time that is typed or dragged.
 async function time(box, app, record, given, found) {
   const shown = new Set(found.channels.slice(0, 4).keys()),
     place = h("div", {class: "plot", id: "histories"}),
@@ -332,50 +367,16 @@ async function time(box, app, record, given, found) {
     if (now !== turn) {
       return;
     }
-    const wanted = [...shown].sort((a, b) => a - b),
-      at = unpacked(told.time, "f64"),
-      traces = [],
-      layout = {uirevision: "kept", dragmode: "zoom", again: () => draw(first, last).catch(app.fail)};
-    wanted.forEach((k, row) => {
-      const low = unpacked(told.low[k], "f32"),
-        high = unpacked(told.high[k], "f32"),
-        x = new Float64Array(2 * at.length),
-        y = new Float32Array(2 * at.length);
-      at.forEach((t, i) => {
-        x[2 * i] = x[2 * i + 1] = t;
-        y[2 * i] = low[i];
-        y[2 * i + 1] = high[i];
-      });
-      const tag = row ? String(row + 1) : "";
-      traces.push({
-        x,
-        y,
-        name: told.names[k],
-        mode: "lines",
-        line: {width: 1, color: colours()[row % 7]},
-        yaxis: "y" + tag,
-        hovertemplate: "%{x:.6g} s: %{y:.4g}<extra></extra>",
-        showlegend: false,
-      });
-      layout["yaxis" + tag] = {
-        domain: [1 - (row + 1) / wanted.length + 0.02, 1 - row / wanted.length - 0.02],
-        title: {text: withUnit(told.names[k].replace(/ (\w+)$/, "<br>$1"), told.units[k]), font: {size: 11}},
-        nticks: 4,
-        fixedrange: true,
-      };
-    });
-    layout.xaxis = {
-      title: {text: "time, s"},
-      anchor: "y" + (wanted.length > 1 ? wanted.length : ""),
-      range: [first, last ?? told.seconds],
-    };
-    place.style.height = `${Math.max(220, 60 + 120 * wanted.length)}px`;
-    const Plotly = await chart(place, traces, layout);
+    const rows = [...shown].sort((a, b) => a - b);
+    const {traces, layout, count} = envelopes(told, rows, [first, last ?? told.seconds]);
+    layout.again = () => draw(first, last).catch(app.fail);
+    place.style.height = `${Math.max(220, 60 + 120 * rows.length)}px`;
+    await chart(place, traces, layout);
     fill(
       words,
       told.sampled
         ? "Some samples of a long record; all of it is being read, once."
-        : `${at.length} stretches, each with its least and greatest value. Drag to zoom, double-click for all.`,
+        : `${count} stretches, each with its least and greatest value. Drag to zoom, double-click for all.`,
     );
     if (told.sampled) {
       setTimeout(() => {
@@ -396,7 +397,41 @@ async function time(box, app, record, given, found) {
         }
       });
     }
-    return Plotly;
   };
   await draw(0, null);
+}
+
+// Traces and layout of histories below each other, each drawn from the least to the greatest value of each stretch; `rows` are
+// indices of channels, `span` first and last time, s. `count` is the number of stretches.
+function envelopes(told, rows, span) {
+  const times = unpacked(told.time, "f64"),
+    x = Float64Array.from({length: 2 * times.length}, (_, i) => times[i >> 1]);
+  const layout = {
+    uirevision: "kept",
+    dragmode: "zoom",
+    xaxis: {title: {text: "time, s"}, anchor: "y" + (rows.length > 1 ? rows.length : ""), range: span},
+  };
+  const traces = rows.map((channel, row) => {
+    const low = unpacked(told.low[channel], "f32"),
+      high = unpacked(told.high[channel], "f32"),
+      name = told.names[channel],
+      tag = row ? String(row + 1) : "";
+    layout["yaxis" + tag] = {
+      domain: [1 - (row + 1) / rows.length + 0.02, 1 - row / rows.length - 0.02],
+      title: {text: withUnit(name.replace(/ (\w+)$/, "<br>$1"), told.units[channel]), font: {size: 11}},
+      nticks: 4,
+      fixedrange: true,
+    };
+    return {
+      x,
+      y: Float32Array.from({length: x.length}, (_, i) => (i % 2 ? high : low)[i >> 1]),
+      name,
+      mode: "lines",
+      line: {width: 1, color: colours()[row % 7]},
+      yaxis: "y" + tag,
+      hovertemplate: "%{x:.6g} s: %{y:.4g}<extra></extra>",
+      showlegend: false,
+    };
+  });
+  return {traces, layout, count: times.length};
 }

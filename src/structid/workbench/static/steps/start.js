@@ -203,138 +203,166 @@ const MESH = /\.(msh|bdf|nas|fem|dat|inp|vtu|vtk)$/i;
 
 // New studies by a template; `from` begins one on a mesh or a matrix of the folder.
 async function fresh(app) {
-  const templates = [...(await get("templates")), BUILT],
-    inputs = h("div", {class: "fields"}),
-    words = h("p", {class: "note"}),
-    told = h("p", {class: "note", "aria-live": "polite"});
-  const name = h("input", {name: "path", required: true, spellcheck: "false"}),
-    files = h("datalist", {id: "input-files"}),
-    groups = h("datalist", {id: "mesh-groups"});
-  const kind = h(
-    "select",
-    {name: "template", onchange: () => draw()},
-    options(templates.map((one) => (one === BUILT ? [one.name, "build it yourself"] : one.name))),
-  );
-  const input = (ask) => inputs.querySelector(`[name=${ask}]`);
-  const draw = (given = {}) => {
-    const one = templates.find((each) => each.name === kind.value),
-      isMesh = kind.value === "mesh";
-    fill(words, one.words);
-    fill(told);
-    inputs.dataset.typed = one.name;
-    fill(
-      files,
-      [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))]
-        .filter((each) => MESH.test(each.path) === isMesh)
-        .map((each) => h("option", {value: each.path})),
-    );
-    fill(groups);
-    fill(
-      inputs,
-      one.asks.map((ask) =>
-        field(
-          withUnit(ask.words, ask.unit),
-          ask.choices.length
-            ? h(
-                "select",
-                {name: ask.name, onchange: isMesh ? () => look() : null},
-                options(ask.choices, given[ask.name] ?? ask.default),
-              )
-            : h("input", {
-                name: ask.name,
-                value: String(given[ask.name] ?? ask.default),
-                inputmode: typeof ask.default === "number" ? "decimal" : null,
-                list: ask.words.startsWith("file of")
-                  ? "input-files"
-                  : isMesh && ask.name === "held"
-                    ? "mesh-groups"
-                    : null,
-                onchange: isMesh && ask.name === "path" ? () => look() : null,
-              }),
-        ),
-      ),
-    );
-    const taken = app.folder.studies.map((each) => each.path);
-    const stem = given.name || (one === BUILT ? "structure" : one.name);
-    let count = 1,
-      wanted = `${stem}.toml`;
-    while (taken.includes(wanted)) {
-      count += 1;
-      wanted = `${stem}_${count}.toml`;
-    }
-    name.value = wanted;
+  const templates = [...(await get("templates")), BUILT];
+  const form = {
+    app,
+    templates,
+    inputs: h("div", {class: "fields"}),
+    words: h("p", {class: "note"}),
+    meshWords: h("p", {class: "note", "aria-live": "polite"}),
+    name: h("input", {name: "path", required: true, spellcheck: "false"}),
+    files: h("datalist", {id: "input-files"}),
+    groups: h("datalist", {id: "mesh-groups"}),
+    kind: h(
+      "select",
+      {name: "template", onchange: () => drawTemplate(form)},
+      options(templates.map((one) => (one === BUILT ? [one.name, "build it yourself"] : one.name))),
+    ),
   };
-  const look = async () => {
-    // what the mesh holds, in the unit that is said
-    try {
-      const folder = name.value.slice(0, name.value.lastIndexOf("/") + 1),
-        mesh = await post("mesh", {path: folder + input("path").value, length_unit: input("length_unit").value});
-      fill(
-        groups,
-        ["none", ...mesh.groups].map((each) => h("option", {value: each})),
-      );
-      fill(
-        told,
-        `${mesh.nodes} nodes; ${mesh.cells.map(([cell, count]) => `${count} × ${cell}`).join(", ")}. It measures ${mesh.size.map((x) => number(x, 3)).join(" × ")} m with this unit. Groups: ${mesh.groups.join(", ") || "none"}.`,
-      );
-    } catch (error) {
-      fill(told, error.message);
-    }
-  };
-  const from = (path) => {
-    const isMesh = MESH.test(path),
-      stem = path.slice(path.lastIndexOf("/") + 1).replace(/\.[^.]*$/, ""),
-      folder = path.slice(0, path.lastIndexOf("/") + 1);
-    kind.value = isMesh ? "mesh" : "own-matrices";
-    draw({name: folder + stem, ...(isMesh ? {path} : {mass: path, stiffness: path})});
-    if (folder) {
-      app.say("The new study lies beside the file; its inputs are named from there.");
-      for (const one of inputs.querySelectorAll("[list=input-files]")) {
-        one.value = one.value.startsWith(folder) ? one.value.slice(folder.length) : one.value;
-      }
-    }
-    if (isMesh) {
-      look();
-    }
-    box.scrollIntoView({block: "nearest"});
-    (input("held") || input("mass")).focus();
-  };
-  draw();
-  const button = h("button", {class: "main", type: "submit", disabled: !app.folder.writable}, "Make the study");
-  const form = h(
-    "form",
-    {
-      onsubmit: (event) => {
-        event.preventDefault();
-        const numbers = Object.fromEntries(
-          [...inputs.querySelectorAll("input, select")].map((one) => [one.name, one.value]),
-        );
-        app.doing(button, async () => {
-          if (kind.value === BUILT.name) {
-            const path = /\.toml$/i.test(name.value) ? name.value : `${name.value}.toml`;
-            await post("study", {study: path, text: builtText(path, numbers.moves), digest: ""});
-            forgetTyped(button);
-            await app.reload();
-            app.go("build", path);
-            return;
-          }
-          const {path} = await post("init", {template: kind.value, path: name.value, numbers});
-          forgetTyped(button);
-          await app.reload();
-          app.go("structure", path);
-        });
+  drawTemplate(form);
+  const make = h("button", {class: "main", type: "submit", disabled: !app.folder.writable}, "Make the study");
+  const box = h(
+    "section",
+    {class: "card", id: "new-study"},
+    h("h2", {}, "New study"),
+    h(
+      "form",
+      {
+        onsubmit: (event) => {
+          event.preventDefault();
+          makeStudy(form, make);
+        },
       },
-    },
-    h("div", {class: "row"}, field("Template", kind), field("File", name)),
-    words,
-    inputs,
-    told,
-    files,
-    groups,
-    button,
+      h("div", {class: "row"}, field("Template", form.kind), field("File", form.name)),
+      form.words,
+      form.inputs,
+      form.meshWords,
+      form.files,
+      form.groups,
+      make,
+    ),
   );
-  const box = h("section", {class: "card", id: "new-study"}, h("h2", {}, "New study"), form);
-  return {box, from};
+  return {box, from: (path) => beginFrom(form, box, path)};
+}
+
+const inputOf = (form, name) => form.inputs.querySelector(`[name=${name}]`);
+
+// Fields of the chosen template, with their defaults or the values `given` by name; `given.name` is that of the file without suffix.
+function drawTemplate(form, given = {}) {
+  const {app} = form,
+    template = form.templates.find((one) => one.name === form.kind.value),
+    isMesh = template.name === "mesh";
+  fill(form.words, template.words);
+  fill(form.meshWords);
+  form.inputs.dataset.typed = template.name;
+  fill(
+    form.files,
+    [...app.folder.models, ...app.folder.records.filter((one) => /\.(npz|mat)$/i.test(one.path))]
+      .filter((one) => MESH.test(one.path) === isMesh)
+      .map((one) => h("option", {value: one.path})),
+  );
+  fill(form.groups);
+  fill(
+    form.inputs,
+    template.asks.map((ask) =>
+      templateField(ask, given[ask.name] ?? ask.default, isMesh ? () => lookAtMesh(form) : null),
+    ),
+  );
+  const stem = given.name || (template === BUILT ? "structure" : template.name);
+  form.name.value = freeName(
+    stem,
+    app.folder.studies.map((one) => one.path),
+  );
+}
+
+// The field of one question of a template; `look` is called when path or unit of a mesh change, and null for other templates.
+function templateField(ask, value, look) {
+  const label = withUnit(ask.words, ask.unit);
+  if (ask.choices.length) {
+    return field(label, h("select", {name: ask.name, onchange: look}, options(ask.choices, value)));
+  }
+  const list = ask.words.startsWith("file of") ? "input-files" : look && ask.name === "held" ? "mesh-groups" : null;
+  return field(
+    label,
+    h("input", {
+      name: ask.name,
+      value: String(value),
+      inputmode: typeof ask.default === "number" ? "decimal" : null,
+      list,
+      onchange: ask.name === "path" ? look : null,
+    }),
+  );
+}
+
+// A name of a study file that is not taken: the stem, or the stem with a number.
+function freeName(stem, taken) {
+  let name = `${stem}.toml`;
+  for (let count = 2; taken.includes(name); count++) {
+    name = `${stem}_${count}.toml`;
+  }
+  return name;
+}
+
+// Says what the mesh holds, in the unit that is chosen, and offers its groups.
+async function lookAtMesh(form) {
+  try {
+    const folder = form.name.value.slice(0, form.name.value.lastIndexOf("/") + 1),
+      mesh = await post("mesh", {
+        path: folder + inputOf(form, "path").value,
+        length_unit: inputOf(form, "length_unit").value,
+      });
+    fill(
+      form.groups,
+      ["none", ...mesh.groups].map((group) => h("option", {value: group})),
+    );
+    fill(
+      form.meshWords,
+      `${mesh.nodes} nodes; ${mesh.cells.map(([cell, count]) => `${count} × ${cell}`).join(", ")}. It measures ${mesh.size.map((x) => number(x, 3)).join(" × ")} m with this unit. Groups: ${mesh.groups.join(", ") || "none"}.`,
+    );
+  } catch (error) {
+    fill(form.meshWords, error.message);
+  }
+}
+
+// A new study on the mesh or matrix at `path`, in the folder of that file.
+function beginFrom(form, box, path) {
+  const isMesh = MESH.test(path),
+    folder = path.slice(0, path.lastIndexOf("/") + 1),
+    stem = path.slice(folder.length).replace(/\.[^.]*$/, "");
+  form.kind.value = isMesh ? "mesh" : "own-matrices";
+  drawTemplate(form, {name: folder + stem, ...(isMesh ? {path} : {mass: path, stiffness: path})});
+  if (folder) {
+    form.app.say("The new study lies beside the file; its inputs are named from there.");
+    for (const input of form.inputs.querySelectorAll("[list=input-files]")) {
+      input.value = input.value.startsWith(folder) ? input.value.slice(folder.length) : input.value;
+    }
+  }
+  if (isMesh) {
+    lookAtMesh(form);
+  }
+  box.scrollIntoView({block: "nearest"});
+  (inputOf(form, "held") || inputOf(form, "mass")).focus();
+}
+
+// Writes the study and opens it: in the step Build if it is built by hand, in the step Structure otherwise.
+function makeStudy(form, button) {
+  const {app, kind, name} = form;
+  const values = Object.fromEntries(
+    [...form.inputs.querySelectorAll("input, select")].map((input) => [input.name, input.value]),
+  );
+  app.doing(button, async () => {
+    const isBuilt = kind.value === BUILT.name;
+    let path;
+    if (isBuilt) {
+      path = /\.toml$/i.test(name.value) ? name.value : `${name.value}.toml`;
+      await post("study", {study: path, text: builtText(path, values.moves), digest: ""});
+    } else {
+      ({path} = await post("init", {template: kind.value, path: name.value, numbers: values}));
+    }
+    forgetTyped(button);
+    await app.reload();
+    app.go(isBuilt ? "build" : "structure", path);
+  });
 }
 
 function drop(app) {

@@ -62,7 +62,7 @@ export async function show(box, app) {
   if (!scene.gl) {
     app.say("This browser has no WebGL 2; the structure is drawn by lines only.", true);
   }
-  drawSets();
+  setsPanel(sets, scene, told);
   const drawNode = () => nodePanel(node, state, told, refresh);
   const drawSensors = () =>
     sensorPanel(sensors, state, told, (name) => {
@@ -75,11 +75,9 @@ export async function show(box, app) {
   async function refresh() {
     try {
       state.failed = "";
-      if (told.has_record) {
-        state.channels = (await get("channels", {study: app.study, number: app.record})).channels;
-      } else {
-        state.channels = planned(app);
-      }
+      state.channels = told.has_record
+        ? (await get("channels", {study: app.study, number: app.record})).channels
+        : planned(app);
     } catch (error) {
       state.failed = error.message;
     }
@@ -90,58 +88,58 @@ export async function show(box, app) {
     showCheck(checked, app, mark);
   }
 
-  function drawSets() {
-    fill(
-      sets,
-      h("h2", {}, "Element sets"),
-      h("p", {class: "muted"}, `${scene.labels.length} nodes, ${told.n_dofs} free degrees of freedom`),
-      h(
-        "ul",
-        {class: "plain sets", tabindex: 0, "aria-label": "Element sets"},
-        scene.sets.map((one) =>
-          h(
-            "li",
-            {},
-            checkbox(
-              true,
-              (isOn) => {
-                scene.hidden[isOn ? "delete" : "add"](one.name);
-                scene.ask();
-              },
-              h(
-                "span",
-                {},
-                h("span", {class: "swatch", style: {background: one.colour}}),
-                one.name,
-                " ",
-                h("span", {class: "muted"}, `${one.count} × ${one.type}`),
-              ),
-            ),
-            h(
-              "details",
-              {},
-              h("summary", {}, "properties"),
-              table(
-                ["property", "nominal"],
-                one.properties.map((p) => [
-                  p.name,
-                  p.low === p.high
-                    ? quantity(p.low, p.unit)
-                    : `${quantity(p.low, p.unit)} to ${quantity(p.high, p.unit)}`,
-                ]),
-              ),
-            ),
-          ),
-        ),
-      ),
-    );
-  }
-
   const mark = (findings) => {
     markFindings(places, scene, findings);
   };
   mark(told.findings);
   await refresh();
+}
+
+// The element sets, each with a box that shows it in the picture, and their properties.
+function setsPanel(place, scene, told) {
+  fill(
+    place,
+    h("h2", {}, "Element sets"),
+    h("p", {class: "muted"}, `${scene.labels.length} nodes, ${told.n_dofs} free degrees of freedom`),
+    h(
+      "ul",
+      {class: "plain sets", tabindex: 0, "aria-label": "Element sets"},
+      scene.sets.map((one) => elementSet(scene, one)),
+    ),
+  );
+}
+
+function elementSet(scene, one) {
+  const span = ({low, high, unit}) =>
+    low === high ? quantity(low, unit) : `${quantity(low, unit)} to ${quantity(high, unit)}`;
+  return h(
+    "li",
+    {},
+    checkbox(
+      true,
+      (isOn) => {
+        scene.hidden[isOn ? "delete" : "add"](one.name);
+        scene.ask();
+      },
+      h(
+        "span",
+        {},
+        h("span", {class: "swatch", style: {background: one.colour}}),
+        one.name,
+        " ",
+        h("span", {class: "muted"}, `${one.count} × ${one.type}`),
+      ),
+    ),
+    h(
+      "details",
+      {},
+      h("summary", {}, "properties"),
+      table(
+        ["property", "nominal"],
+        one.properties.map((property) => [property.name, span(property)]),
+      ),
+    ),
+  );
 }
 
 // What is doubtful in places: a number in the picture, the words beside it.
@@ -254,191 +252,203 @@ function words(one) {
 
 // The chosen node: place, turn or remove a sensor there; the same by keyboard through its number.
 function nodePanel(place, state, told, refresh) {
-  const {app, scene} = state,
-    label = state.node,
-    row = label === null ? -1 : scene.row.get(label);
-  const chosen = state.channels.find((one) => one.name === state.chosen),
-    there = state.channels.filter((one) => one.node === label && label !== null);
+  fill(place, h("h2", {}, "Node"), nodeNumber(state), state.node === null ? null : sensorsAtNode(state, told, refresh));
+}
+
+// The number of the chosen node, which may be typed, and its coordinates.
+function nodeNumber({app, scene, node: label}) {
   const input = h("input", {
     type: "number",
     value: label ?? "",
     "aria-label": "Number of a node",
     onchange: (event) => {
-      const found = scene.row.get(Number(event.target.value));
-      if (found === undefined) {
+      const row = scene.row.get(Number(event.target.value));
+      if (row === undefined) {
         app.say(`There is no node ${event.target.value}`, true);
       } else {
         forgetTyped(event.target);
-        scene.choose(found);
+        scene.choose(row);
       }
     },
   });
-  const parts = [
-    h("h2", {}, "Node"),
-    h(
-      "div",
-      {class: "row end"},
-      field("Number", input, "short"),
-      label === null
-        ? h("span", {class: "muted"}, "none chosen")
-        : h(
-            "span",
-            {class: "muted"},
-            `at (${[0, 1, 2].map((k) => number(scene.places[3 * row + k], 4)).join(", ")}) m`,
-          ),
-    ),
+  const coordinate = (k) => number(scene.places[3 * scene.row.get(label) + k], 4);
+  return h(
+    "div",
+    {class: "row end"},
+    field("Number", input, "short"),
+    h("span", {class: "muted"}, label === null ? "none chosen" : `at (${[0, 1, 2].map(coordinate).join(", ")}) m`),
+  );
+}
+
+// Support and sensors of the chosen node, and the fields that place a sensor there.
+function sensorsAtNode(state, told, refresh) {
+  const {app, scene, node: label} = state,
+    row = scene.row.get(label);
+  const support = told.supports.find((one) => one.node === row),
+    there = state.channels.filter((one) => one.node === label),
+    ways = WAYS.filter((_, k) => scene.moves[row] & (1 << Math.floor(k / 2)));
+  const facts = [
+    support ? h("p", {class: "muted"}, `support: ${support.directions.join(" ")}`) : null,
+    there.length ? h("p", {}, `here: ${there.map((one) => one.name).join(", ")}`) : null,
   ];
-  if (label !== null) {
-    const held = told.supports.find((one) => one.node === row);
-    const ways = WAYS.filter((_, k) => scene.moves[row] & (1 << Math.floor(k / 2))),
-      way = h("select", {id: "way"}, options(ways.map(([name]) => name)));
-    const custom = h("input", {
-      id: "vector",
-      placeholder: "or a vector: 0.3, 0.95, 0",
-      "aria-label": "Direction as a vector",
-    });
-    if (held) {
-      parts.push(h("p", {class: "muted"}, `support: ${held.directions.join(" ")}`));
-    }
-    if (there.length) {
-      parts.push(h("p", {}, `here: ${there.map((one) => one.name).join(", ")}`));
-    }
-    if (!app.folder.writable) {
-      parts.push(h("p", {class: "note"}, "The folder is read only."));
-    } else if (!ways.length) {
-      parts.push(h("p", {class: "note"}, "This node does not move along any axis."));
-    } else if (told.has_record) {
-      if (!chosen) {
-        parts.push(h("p", {class: "note"}, "Choose a channel in the list below to place it here."));
-      } else {
-        const button = h(
-          "button",
-          {
-            class: "main",
-            type: "button",
-            onclick: () =>
-              app.doing(button, async () => {
-                const vector = custom.value.trim()
-                  ? custom.value.split(",").map((part) => (part.trim() ? Number(part) : NaN))
-                  : WAYS.find(([name]) => name === way.value)[1];
-                const key =
-                  (chosen.role === "load" &&
-                  !state.channels.some((one) => one.role === "sensor" && one.name === chosen.name)
-                    ? ""
-                    : chosen.role === "load"
-                      ? "load "
-                      : "") + chosen.name.replace(/[+-]$/, "");
-                if (vector.length !== 3 || vector.some((x) => !Number.isFinite(x))) {
-                  throw new Error("A direction is three numbers, as in 0.3, 0.95, 0");
-                }
-                const sign = chosen.name.endsWith("-") ? -1 : 1;
-                await app.edit(
-                  [
-                    {
-                      set: [...recordPath(app), "sensors", key],
-                      to: `{ node = ${label}, direction = ${toml(vector.map((x) => (x === 0 ? 0 : sign * x)))} }`,
-                    },
-                  ],
-                  `${chosen.name} reads node ${label} now`,
-                );
-                await refresh();
-              }),
-          },
-          chosen.node === label ? `Turn ${chosen.name}` : `Place ${chosen.name} here`,
-        );
-        const taken = declaredKey(app, chosen);
-        const remove = h(
-          "button",
-          {
-            type: "button",
-            onclick: () =>
-              app.doing(remove, async () => {
-                await app.edit(
-                  [
-                    {
-                      remove: [
-                        ...recordPath(app),
-                        "sensors",
-                        ...(Object.keys(sensorsOf(app)).length > 1 ? [taken] : []),
-                      ],
-                    },
-                  ],
-                  `${chosen.name} is where its name says again`,
-                );
-                await refresh();
-              }),
-          },
-          "As its name says",
-        );
-        parts.push(
-          h("div", {class: "row end"}, field("Direction", way), custom),
-          h("div", {class: "row"}, button, taken ? remove : null),
-        );
-      }
-    } else {
-      const role = h(
-        "select",
-        {id: "role"},
-        options([
-          ["installed_sensors", "sensor"],
-          ["installed_loads", "load"],
-        ]),
-      );
-      const add = h(
-        "button",
-        {
-          class: "main",
-          type: "button",
-          onclick: () =>
-            app.doing(add, async () => {
-              const name = `${label}${way.value.slice(1)}${way.value.startsWith("−") ? "-" : ""}`,
-                old = app.now.table.plan?.[role.value] || [];
-              if (old.includes(name)) {
-                throw new Error(`${name} is there already`);
-              }
-              await app.edit([{set: ["plan", role.value], to: toml([...old, name])}], `${name} is planned`);
-              await refresh();
-            }),
-        },
-        "Place here",
-      );
-      parts.push(h("div", {class: "row end"}, field("What", role), field("Direction", way), add));
-      for (const one of there) {
-        const key = one.role === "load" ? "installed_loads" : "installed_sensors";
-        const turn = h(
-          "button",
-          {
-            class: "small",
-            type: "button",
-            onclick: () =>
-              change(turn, (list) =>
-                list.map((name) =>
-                  name === one.name ? (name.endsWith("-") ? name.slice(0, -1) : name.replace(/\+$/, "") + "-") : name,
-                ),
-              ),
-          },
-          `Turn ${one.name} round`,
-        );
-        const remove = h(
-          "button",
-          {
-            class: "small",
-            type: "button",
-            onclick: () => change(remove, (list) => list.filter((name) => name !== one.name)),
-          },
-          `Remove ${one.name}`,
-        );
-        const change = (button, next) =>
-          app.doing(button, async () => {
-            const list = next(app.now.table.plan[key]);
-            await app.edit([list.length ? {set: ["plan", key], to: toml(list)} : {remove: ["plan", key]}]);
-            await refresh();
-          });
-        parts.push(h("div", {class: "row"}, turn, remove));
-      }
-    }
+  if (!app.folder.writable) {
+    return [facts, h("p", {class: "note"}, "The folder is read only.")];
   }
-  fill(place, parts);
+  if (!ways.length) {
+    return [facts, h("p", {class: "note"}, "This node does not move along any axis.")];
+  }
+  return [
+    facts,
+    told.has_record
+      ? placeChannel(state, ways, refresh)
+      : [planChannel(state, ways, refresh), there.map((one) => changePlanned(app, one, refresh))],
+  ];
+}
+
+const directionChoice = (ways) => h("select", {id: "way"}, options(ways.map(([name]) => name)));
+
+// A channel of the record at the chosen node: placed there, turned, or read by its name again.
+function placeChannel(state, ways, refresh) {
+  const {app, node: label} = state,
+    chosen = state.channels.find((one) => one.name === state.chosen);
+  if (!chosen) {
+    return h("p", {class: "note"}, "Choose a channel in the list below to place it here.");
+  }
+  const way = directionChoice(ways);
+  const vector = h("input", {
+    id: "vector",
+    placeholder: "or a vector: 0.3, 0.95, 0",
+    "aria-label": "Direction as a vector",
+  });
+  const put = h(
+    "button",
+    {
+      class: "main",
+      type: "button",
+      onclick: () =>
+        app.doing(put, async () => {
+          const direction = directionOf(chosen, way.value, vector.value);
+          await app.edit(
+            [
+              {
+                set: [...recordPath(app), "sensors", sensorKey(state.channels, chosen)],
+                to: `{ node = ${label}, direction = ${toml(direction)} }`,
+              },
+            ],
+            `${chosen.name} reads node ${label} now`,
+          );
+          await refresh();
+        }),
+    },
+    chosen.node === label ? `Turn ${chosen.name}` : `Place ${chosen.name} here`,
+  );
+  return [
+    h("div", {class: "row end"}, field("Direction", way), vector),
+    h("div", {class: "row"}, put, declaredKey(app, chosen) ? readByName(app, chosen, refresh) : null),
+  ];
+}
+
+// The button that removes what the study says of a channel's position.
+function readByName(app, chosen, refresh) {
+  const key = declaredKey(app, chosen);
+  const remove = h(
+    "button",
+    {
+      type: "button",
+      onclick: () =>
+        app.doing(remove, async () => {
+          const isLast = Object.keys(sensorsOf(app)).length <= 1;
+          await app.edit(
+            [{remove: [...recordPath(app), "sensors", ...(isLast ? [] : [key])]}],
+            `${chosen.name} is where its name says again`,
+          );
+          await refresh();
+        }),
+    },
+    "As its name says",
+  );
+  return remove;
+}
+
+// Components of a channel's direction: those typed, or else those of the way chosen; against it if its name ends with "-".
+function directionOf(channel, way, text) {
+  const vector = text.trim()
+    ? text.split(",").map((part) => (part.trim() ? Number(part) : NaN))
+    : WAYS.find(([name]) => name === way)[1];
+  if (vector.length !== 3 || vector.some((x) => !Number.isFinite(x))) {
+    throw new Error("A direction is three numbers, as in 0.3, 0.95, 0");
+  }
+  const sign = channel.name.endsWith("-") ? -1 : 1;
+  return vector.map((x) => (x === 0 ? 0 : sign * x));
+}
+
+// The key of a channel in [record.sensors]: its name without sign, behind "load " where a sensor has that name too.
+function sensorKey(channels, chosen) {
+  const isShared = channels.some((one) => one.role === "sensor" && one.name === chosen.name);
+  return (chosen.role === "load" && isShared ? "load " : "") + chosen.name.replace(/[+-]$/, "");
+}
+
+const planKey = (role) => (role === "load" ? "installed_loads" : "installed_sensors");
+
+// A sensor or load of a planned test, placed at the chosen node.
+function planChannel({app, node: label}, ways, refresh) {
+  const way = directionChoice(ways);
+  const key = h(
+    "select",
+    {id: "role"},
+    options([
+      ["installed_sensors", "sensor"],
+      ["installed_loads", "load"],
+    ]),
+  );
+  const add = h(
+    "button",
+    {
+      class: "main",
+      type: "button",
+      onclick: () =>
+        app.doing(add, async () => {
+          const name = `${label}${way.value.slice(1)}${way.value.startsWith("−") ? "-" : ""}`,
+            installed = app.now.table.plan?.[key.value] || [];
+          if (installed.includes(name)) {
+            throw new Error(`${name} is there already`);
+          }
+          await app.edit([{set: ["plan", key.value], to: toml([...installed, name])}], `${name} is planned`);
+          await refresh();
+        }),
+    },
+    "Place here",
+  );
+  return h("div", {class: "row end"}, field("What", key), field("Direction", way), add);
+}
+
+// Buttons that turn or remove a planned sensor or load.
+function changePlanned(app, channel, refresh) {
+  const key = planKey(channel.role);
+  const change = (words, changed) => {
+    const button = h(
+      "button",
+      {
+        class: "small",
+        type: "button",
+        onclick: () =>
+          app.doing(button, async () => {
+            const names = changed(app.now.table.plan[key]);
+            await app.edit([names.length ? {set: ["plan", key], to: toml(names)} : {remove: ["plan", key]}]);
+            await refresh();
+          }),
+      },
+      words,
+    );
+    return button;
+  };
+  const turned = (name) => (name.endsWith("-") ? name.slice(0, -1) : name.replace(/\+$/, "") + "-");
+  return h(
+    "div",
+    {class: "row"},
+    change(`Turn ${channel.name} round`, (names) => names.map((name) => (name === channel.name ? turned(name) : name))),
+    change(`Remove ${channel.name}`, (names) => names.filter((name) => name !== channel.name)),
+  );
 }
 
 const sensorsOf = (app) => records(app)[app.record].sensors || {};
@@ -547,124 +557,123 @@ function unaveraged(app, warnings) {
   );
 }
 
+// What `check` says of the study, or what it still needs; `mark` shows the findings that have a place in the picture.
 async function showCheck(place, app, mark) {
   const {study, now} = app;
-  fill(place, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
+  const show = (...parts) => fill(place, h("h2", {}, "What check says"), parts);
+  show(h("p", {class: "muted"}, "Reading the study…"));
   try {
     const {record, unknown} = app.now.table;
     if (!record || !unknown) {
       if (!record) {
         await get("line", {study});
       }
-      if (app.now !== now) {
-        return;
+      if (app.now === now) {
+        show(incomplete(study, Boolean(record)));
       }
-      fill(
-        place,
-        h("h2", {}, "What check says"),
-        h(
-          "p",
-          {},
-          record
-            ? "What its record can determine is told once the study says what you look for: "
-            : "The study can be read. What data can determine is told once there is a record, or by a plan: ",
-          h("a", {href: `#unknowns/${encodeURIComponent(study)}`}, "step Unknowns"),
-          ".",
-        ),
-      );
       return;
     }
-    const found = await get("check", {study});
+    const result = await get("check", {study});
     if (app.now !== now) {
       return;
     }
-    mark(found.findings);
-    fill(
-      place,
-      h("h2", {}, "What check says"),
-      h(
-        "p",
-        {},
-        h(
-          "span",
-          {class: "state " + (found.determined ? "good" : "bad")},
-          found.determined ? "data and priors determine every parameter" : "the data do not determine every parameter",
-        ),
-      ),
-      found.records.map((words) => h("p", {}, unitText(words))),
-      found.warnings.length
-        ? [h("h3", {}, "Warnings"), warningList(found.warnings)]
-        : h("p", {class: "muted"}, "No warning."),
-      coarse(app, found.warnings),
-      unaveraged(app, found.warnings),
-      leaking(app, found.warnings),
-      found.directions.length
-        ? [
-            h("h3", {}, "Not determined"),
-            h(
-              "ul",
-              {class: "warnings"},
-              found.directions.map((words) => h("li", {}, words)),
-            ),
-          ]
-        : null,
-      found.resonances.length
-        ? h(
-            "details",
-            {open: true, id: "resonances"},
-            h("summary", {}, "Resonances of the record and of the model at its start values"),
-            table(
-              ["measured, Hz", "model, Hz", "model is higher by", "MAC"],
-              found.resonances.map(([measured, model, , mac]) => [
-                number(measured),
-                number(model),
-                measured && model ? percent((model - measured) / measured) : "–",
-                mac === null ? "–" : number(mac, 2),
-              ]),
-              [0, 1, 2, 3],
-            ),
-          )
-        : null,
-      h(
-        "div",
-        {class: "columns"},
-        h(
-          "details",
-          {open: true},
-          h("summary", {}, "Modes of the initial model"),
-          table(
-            ["mode", "Hz", "damping ratio", "lines in its bandwidth"],
-            found.modes
-              .slice(0, found.modes.findLastIndex((one) => one[2]) + 2)
-              .map((one, k) => [
-                String(k + 1),
-                number(one[0]),
-                number(one[1], 3),
-                one[2] ? number(one[3], 3) : "outside",
-              ]),
-            [1, 2, 3],
-          ),
-        ),
-        h(
-          "details",
-          {open: found.channels.length < 15},
-          h("summary", {}, `What the ${found.channels.length} channels measure`),
-          table(
-            ["channel", "", "measures"],
-            found.channels.map((one) => one),
-          ),
-        ),
-      ),
-    );
+    mark(result.findings);
+    show(checkResult(app, result));
   } catch (error) {
-    if (app.now !== now) {
-      return;
+    if (app.now === now) {
+      show(refusal(error.message), h("a", {href: `#text/${encodeURIComponent(study)}`}, "Open the study file"));
     }
-    fill(
-      place,
-      h("h2", {}, "What check says"),
-      refusal(error.message),
-      h("a", {href: `#text/${encodeURIComponent(study)}`}, "Open the study file"),
-    );
   }
+}
+
+// What a study needs before its data can be checked.
+const incomplete = (study, hasRecord) =>
+  h(
+    "p",
+    {},
+    hasRecord
+      ? "What its record can determine is told once the study says what you look for: "
+      : "The study can be read. What data can determine is told once there is a record, or by a plan: ",
+    h("a", {href: `#unknowns/${encodeURIComponent(study)}`}, "step Unknowns"),
+    ".",
+  );
+
+// The answer of `check`: determined or not, warnings with what mends them, and tables.
+function checkResult(app, {determined, records, warnings, directions, resonances, modes, channels}) {
+  return [
+    h(
+      "p",
+      {},
+      h(
+        "span",
+        {class: "state " + (determined ? "good" : "bad")},
+        determined ? "data and priors determine every parameter" : "the data do not determine every parameter",
+      ),
+    ),
+    records.map((words) => h("p", {}, unitText(words))),
+    warnings.length ? [h("h3", {}, "Warnings"), warningList(warnings)] : h("p", {class: "muted"}, "No warning."),
+    coarse(app, warnings),
+    unaveraged(app, warnings),
+    leaking(app, warnings),
+    directions.length
+      ? [
+          h("h3", {}, "Not determined"),
+          h(
+            "ul",
+            {class: "warnings"},
+            directions.map((words) => h("li", {}, words)),
+          ),
+        ]
+      : null,
+    resonances.length ? resonanceTable(resonances) : null,
+    h("div", {class: "columns"}, modeTable(modes), channelTable(channels)),
+  ];
+}
+
+function resonanceTable(resonances) {
+  return h(
+    "details",
+    {open: true, id: "resonances"},
+    h("summary", {}, "Resonances of the record and of the model at its start values"),
+    table(
+      ["measured, Hz", "model, Hz", "model is higher by", "MAC"],
+      resonances.map(([measured, model, , mac]) => [
+        number(measured),
+        number(model),
+        measured && model ? percent((model - measured) / measured) : "–",
+        mac === null ? "–" : number(mac, 2),
+      ]),
+      [0, 1, 2, 3],
+    ),
+  );
+}
+
+// Modes up to the first one above the band.
+function modeTable(modes) {
+  return h(
+    "details",
+    {open: true},
+    h("summary", {}, "Modes of the initial model"),
+    table(
+      ["mode", "Hz", "damping ratio", "lines in its bandwidth"],
+      modes
+        .slice(0, modes.findLastIndex(([, , isInBand]) => isInBand) + 2)
+        .map(([frequency, ratio, isInBand, lines], k) => [
+          String(k + 1),
+          number(frequency),
+          number(ratio, 3),
+          isInBand ? number(lines, 3) : "outside",
+        ]),
+      [1, 2, 3],
+    ),
+  );
+}
+
+function channelTable(channels) {
+  return h(
+    "details",
+    {open: channels.length < 15},
+    h("summary", {}, `What the ${channels.length} channels measure`),
+    table(["channel", "", "measures"], channels),
+  );
 }
