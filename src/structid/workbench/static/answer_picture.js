@@ -35,6 +35,39 @@ function splitByColour(sets, shading) {
   });
 }
 
+// Colours of a shading, and the words at its ticks.
+const scaleOf = ({colours, ticks}) => [
+  h(
+    "div",
+    {class: "colours"},
+    colours.map((one) => h("span", {style: {background: one}})),
+  ),
+  h(
+    "div",
+    {class: "ticks"},
+    ticks.map((one) => h("span", {}, one)),
+  ),
+];
+
+// A mode swings about the places at rest while `goes()`; where motion is not wanted it stands at its largest.
+function swing(scene, places, moves, goes) {
+  const largest = moves.reduce((most, x) => Math.max(most, Math.abs(x)), 0) || 1,
+    scale = (REACH * scene.size) / largest,
+    isStill = matchMedia("(prefers-reduced-motion: reduce)").matches,
+    begun = performance.now();
+  const step = (now) => {
+    if (!goes()) {
+      return;
+    }
+    const phase = isStill ? 1 : Math.cos((2 * Math.PI * (now - begun)) / (1000 * SECONDS));
+    scene.displace(places.map((x, k) => x + scale * phase * moves[k]));
+    if (!isStill) {
+      requestAnimationFrame(step);
+    }
+  };
+  requestAnimationFrame(step);
+}
+
 // A card with the picture of what `told` says of an identified structure.
 export function answerPicture(told) {
   const stage = sceneStage(
@@ -69,53 +102,21 @@ export function answerPicture(told) {
       {...structure, sets: shading ? splitByColour(structure.sets, shading) : structure.sets},
       Boolean(scene.told),
     );
-    fill(
-      legend,
-      shading
-        ? [
-            h(
-              "div",
-              {class: "colours"},
-              shading.legend.colours.map((one) => h("span", {style: {background: one}})),
-            ),
-            h(
-              "div",
-              {class: "ticks"},
-              shading.legend.ticks.map((one) => h("span", {}, one)),
-            ),
-          ]
-        : null,
-    );
+    fill(legend, shading ? scaleOf(shading.legend) : null);
     fill(
       words,
       shading ? Object.values(shading.sets).flatMap((set) => set.words.map((one) => h("li", {}, one))) : null,
     );
   };
-  // A mode swings until another one is chosen, or the picture is left; where motion is not wanted it stands at its largest.
   let turn = 0;
   const move = () => {
-    const own = ++turn,
-      {value} = mode;
-    if (value === "") {
+    const shape = told.modes[mode.value],
+      own = ++turn;
+    if (!shape) {
       scene.displace(structure.places);
       return;
     }
-    const moves = unpacked(told.modes[value].moves, "f32"),
-      largest = moves.reduce((most, x) => Math.max(most, Math.abs(x)), 0) || 1,
-      scale = (REACH * scene.size) / largest,
-      isStill = matchMedia("(prefers-reduced-motion: reduce)").matches,
-      begun = performance.now();
-    const swing = (now) => {
-      if (own !== turn || !stage.isConnected) {
-        return;
-      }
-      const phase = isStill ? 1 : Math.cos((2 * Math.PI * (now - begun)) / (1000 * SECONDS));
-      scene.displace(structure.places.map((x, k) => x + scale * phase * moves[k]));
-      if (!isStill) {
-        requestAnimationFrame(swing);
-      }
-    };
-    requestAnimationFrame(swing);
+    swing(scene, structure.places, unpacked(shape.moves, "f32"), () => own === turn && stage.isConnected);
   };
   colour();
   return h(

@@ -155,30 +155,7 @@ async function show() {
   }
   app.study = study;
   select.value = study;
-  fill(
-    document.getElementById("steps"),
-    STEPS.map(([name, words], k) => {
-      const off = !study && !WITHOUT_STUDY.includes(name);
-      return h(
-        "li",
-        {},
-        h(
-          "a",
-          {
-            href: off ? "#start" : `#${name}${study ? "/" + encodeURIComponent(study) : ""}`,
-            "aria-current": name === step ? "page" : null,
-            "aria-disabled": off ? "true" : null,
-            title: off ? "choose or make a study first" : null,
-          },
-          h("span", {"aria-hidden": "true"}, String(k + 1)),
-          words,
-        ),
-      );
-    }),
-  );
-  const nav = document.querySelector("nav"),
-    current = nav.querySelector("[aria-current]");
-  nav.scrollLeft = current.offsetLeft - (nav.clientWidth - current.offsetWidth) / 2;
+  drawSteps(step, study);
   document.title = `${STEPS.find(([name]) => name === step)[1]}${study ? " · " + study : ""} · structid workbench`;
   try {
     if (!app.folder) {
@@ -210,23 +187,7 @@ async function show() {
     if (turn !== app.shown) {
       return;
     }
-    fill(
-      main,
-      h(
-        "div",
-        {class: "card bad"},
-        h("p", {}, marked(error.message)),
-        h(
-          "div",
-          {class: "row"},
-          h("button", {type: "button", onclick: show}, "Try again"),
-          study && step === "structure"
-            ? h("a", {class: "button", href: `#build/${encodeURIComponent(study)}`}, "Go on building")
-            : null,
-          study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null,
-        ),
-      ),
-    );
+    fill(main, failure(error, step, study));
   } finally {
     if (turn === app.shown) {
       main.dataset.drawn = app.now?.digest ?? ""; // of the study as it is shown
@@ -234,6 +195,51 @@ async function show() {
     }
   }
 }
+
+// Links to the steps, the present one in view; those that need a study lead nowhere without one.
+function drawSteps(step, study) {
+  fill(
+    document.getElementById("steps"),
+    STEPS.map(([name, words], k) => {
+      const off = !study && !WITHOUT_STUDY.includes(name);
+      return h(
+        "li",
+        {},
+        h(
+          "a",
+          {
+            href: off ? "#start" : `#${name}${study ? "/" + encodeURIComponent(study) : ""}`,
+            "aria-current": name === step ? "page" : null,
+            "aria-disabled": off ? "true" : null,
+            title: off ? "choose or make a study first" : null,
+          },
+          h("span", {"aria-hidden": "true"}, String(k + 1)),
+          words,
+        ),
+      );
+    }),
+  );
+  const nav = document.querySelector("nav"),
+    current = nav.querySelector("[aria-current]");
+  nav.scrollLeft = current.offsetLeft - (nav.clientWidth - current.offsetWidth) / 2;
+}
+
+// Why a step cannot be shown, and where to go from there.
+const failure = (error, step, study) =>
+  h(
+    "div",
+    {class: "card bad"},
+    h("p", {}, marked(error.message)),
+    h(
+      "div",
+      {class: "row"},
+      h("button", {type: "button", onclick: show}, "Try again"),
+      study && step === "structure"
+        ? h("a", {class: "button", href: `#build/${encodeURIComponent(study)}`}, "Go on building")
+        : null,
+      study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null,
+    ),
+  );
 
 function broken() {
   return h(

@@ -38,6 +38,34 @@ export function givenOptions(app, path) {
 // Keys whose value the file itself determines where words propose one; all others are the reader's to answer.
 const DETERMINED = ["skip_rows", "footer_rows", "longest_gap", "encoding"];
 
+// Fields with the words on each below it.
+const described = (rows) =>
+  h(
+    "div",
+    {class: "fields reading"},
+    rows.map((one) => {
+      const place = field(one.name.replaceAll("_", " "), one.input),
+        id = `${one.input.id}-words`;
+      one.input.setAttribute("aria-describedby", id);
+      place.append(h("span", {class: "note", id}, one.words));
+      return place;
+    }),
+  );
+
+// Options that the fields state, by name, those of a table within another in a mapping of their own; defaults are left out.
+function statedOptions(rows) {
+  const stated = {};
+  for (const {input, name, within, ...one} of rows) {
+    const text = input.value.trim();
+    if (!text || text === String(one.default)) {
+      continue;
+    }
+    const place = within ? (stated[within] = stated[within] || {}) : stated;
+    place[name] = one.is_number ? numberIn(input) : one.is_list ? text.split(",").map((part) => part.trim()) : text;
+  }
+  return stated;
+}
+
 // Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first:
 // filled where the file determines the value that the words propose; `asked` is the first that the reader is to answer.
 export function readingFields(app, path, given, failed = "") {
@@ -67,38 +95,14 @@ export function readingFields(app, path, given, failed = "") {
           }),
     };
   });
-  const said = () => {
-    const found = {};
-    for (const {input, name, within, ...one} of rows) {
-      const text = input.value.trim();
-      if (!text || text === String(one.default)) {
-        continue;
-      }
-      const place = within ? (found[within] = found[within] || {}) : found;
-      place[name] = one.is_number ? numberIn(input) : one.is_list ? text.split(",").map((part) => part.trim()) : text;
-    }
-    return found;
-  };
   const named = [...failed.matchAll(/`([a-z_]+)/g)].map((match) => match[1]);
   const first = rows
     .filter((one) => (one.input.value !== String(one.default) && one.input.value) || named.includes(one.name))
     .sort((a, b) => (named.indexOf(a.name) + 1 || 99) - (named.indexOf(b.name) + 1 || 99));
-  const drawn = (few) =>
-    h(
-      "div",
-      {class: "fields reading"},
-      few.map((one) => {
-        const place = field(one.name.replaceAll("_", " "), one.input),
-          id = `${one.input.id}-words`;
-        one.input.setAttribute("aria-describedby", id);
-        place.append(h("span", {class: "note", id}, one.words));
-        return place;
-      }),
-    );
   const filled = first.filter((one) => one.name in proposed).map((one) => one.name.replaceAll("_", " "));
   const rest_ = rows.filter((one) => !first.includes(one));
   return {
-    options: said,
+    options: () => statedOptions(rows),
     asked: first.find((one) => named.includes(one.name) && !one.input.value)?.input,
     box: first.length
       ? h(
@@ -111,10 +115,10 @@ export function readingFields(app, path, given, failed = "") {
                 `Filled in as the message proposes: ${filled.join(", ")}. Look at the lines above, then read the file so.`,
               )
             : null,
-          drawn(first),
-          h("details", {}, h("summary", {}, `All else that may be said (${rest_.length})`), drawn(rest_)),
+          described(first),
+          h("details", {}, h("summary", {}, `All else that may be said (${rest_.length})`), described(rest_)),
         )
-      : drawn(rows),
+      : described(rows),
   };
 }
 

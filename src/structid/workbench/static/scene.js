@@ -144,94 +144,108 @@ export class Scene {
     this.labels = numbers(told.labels, "i32");
     this.places = this.rest = numbers(told.places, "f32");
     this.moves = numbers(told.moves, "u8");
-    const n = this.labels.length,
-      low = [1e300, 1e300, 1e300],
-      high = [-1e300, -1e300, -1e300];
-    if (!n) {
-      low.fill(0);
-      high.fill(0);
-    }
-    for (let k = 0; k < 3 * n; k += 1) {
-      low[k % 3] = Math.min(low[k % 3], this.places[k]);
-      high[k % 3] = Math.max(high[k % 3], this.places[k]);
-    }
-    if (!this.still) {
-      this.centre = low.map((x, k) => (x + high[k]) / 2);
-      this.size = Math.max(Math.hypot(...high.map((x, k) => x - low[k])), this.least) || 1;
-    }
-    const flat = high.map((x, k) => x - low[k] < 1e-6 * this.size),
-      bends = flat[2] && this.moves.some((ways) => ways & 4);
+    const extent = this.measure();
     if (!keeps) {
-      if (flat[2] && !bends) {
-        this.azimuth = -90;
-        this.elevation = 90;
-      } else if (flat[1] && flat[0]) {
-        this.azimuth = -90;
-        this.elevation = 8;
-      } else if (bends) {
-        this.elevation = 38;
-      }
-      this.first = [this.azimuth, this.elevation];
+      this.lookFrom(extent);
     }
     this.row = new Map();
     this.labels.forEach((label, k) => this.row.set(label, k));
-    const used = new Uint8Array(n);
-    this.sets = told.sets.map((one, k) => {
-      const made = {...unpackedSet(one), colour: one.colour ?? SET_COLOURS[k % SET_COLOURS.length]};
+    this.sets = told.sets.map((one, k) => ({
+      ...unpackedSet(one),
+      colour: one.colour ?? SET_COLOURS[k % SET_COLOURS.length],
+    }));
+    this.used = this.usedNodes();
+    this.few = this.labels.length <= 3000 ? [...this.labels.keys()] : [];
+    if (gl) {
+      this.upload();
+    }
+    this.ask();
+  }
+
+  // Centre and size of the structure, unless the view stands still; returns its extent along X, Y and Z, m.
+  measure() {
+    const hasNodes = this.labels.length > 0,
+      low = Array(3).fill(hasNodes ? 1e300 : 0),
+      high = Array(3).fill(hasNodes ? -1e300 : 0);
+    for (let k = 0; k < 3 * this.labels.length; k += 1) {
+      low[k % 3] = Math.min(low[k % 3], this.places[k]);
+      high[k % 3] = Math.max(high[k % 3], this.places[k]);
+    }
+    const extent = high.map((x, k) => x - low[k]);
+    if (!this.still) {
+      this.centre = low.map((x, k) => (x + high[k]) / 2);
+      this.size = Math.max(Math.hypot(...extent), this.least) || 1;
+    }
+    return extent;
+  }
+
+  // The first view: from above what lies and moves in its plane, from the side along a line.
+  lookFrom(extent) {
+    const isFlat = extent.map((x) => x < 1e-6 * this.size),
+      bends = isFlat[2] && this.moves.some((ways) => ways & 4);
+    if (isFlat[2] && !bends) {
+      this.azimuth = -90;
+      this.elevation = 90;
+    } else if (isFlat[1] && isFlat[0]) {
+      this.azimuth = -90;
+      this.elevation = 8;
+    } else if (bends) {
+      this.elevation = 38;
+    }
+    this.first = [this.azimuth, this.elevation];
+  }
+
+  // For each node 1 if an element has it, else 0.
+  usedNodes() {
+    const used = new Uint8Array(this.labels.length);
+    for (const set of this.sets) {
       for (const key of ["triangles", "lines", "marks"]) {
-        if (made[key]) {
-          for (const row of made[key]) {
-            used[row] = 1;
-          }
+        for (const row of set[key] || []) {
+          used[row] = 1;
         }
       }
-      for (const link of one.connectors || []) {
+      for (const link of set.connectors || []) {
         used[link.from] = 1;
         if (link.to !== null) {
           used[link.to] = 1;
         }
       }
-      return made;
-    });
-    this.used = used;
-    this.few = [];
-    if (n <= 3000) {
-      for (let k = 0; k < n; k += 1) {
-        this.few.push(k);
+    }
+    return used;
+  }
+
+  // Buffers of nodes, faces, edges, lines and marks on the graphics card.
+  upload() {
+    const gl = this.gl;
+    this.at = this.buffer(this.places);
+    const heaviest = Math.max(
+      1e-300,
+      ...this.sets.flatMap((one) => (one.weights ? [one.weights.reduce((a, b) => Math.max(a, b), 0)] : [])),
+    );
+    for (const one of this.sets) {
+      if (one.triangles) {
+        one.faceBuffer = this.buffer(one.triangles, gl.ELEMENT_ARRAY_BUFFER);
+        one.edgeBuffer = this.buffer(one.edges, gl.ELEMENT_ARRAY_BUFFER);
+      }
+      if (one.triangles?.length > 90000) {
+        one.coarse = this.coarse(one.triangles);
+        one.coarseBuffer = this.buffer(one.coarse, gl.ELEMENT_ARRAY_BUFFER);
+      }
+      if (one.lines) {
+        one.ends = this.buffer(this.ends(one.lines));
+      }
+      if (one.marks) {
+        const size = new Float32Array(one.marks.length);
+        one.marks.forEach((_, k) => {
+          size[k] = one.type === "PointMass" ? 7 + 15 * Math.sqrt(one.weights[k] / heaviest) : 10;
+        });
+        one.markBuffer = this.buffer(this.ends(one.marks));
+        one.sizeBuffer = this.buffer(size);
       }
     }
-    if (gl) {
-      this.at = this.buffer(this.places);
-      const heaviest = Math.max(
-        1e-300,
-        ...this.sets.flatMap((one) => (one.weights ? [one.weights.reduce((a, b) => Math.max(a, b), 0)] : [])),
-      );
-      for (const one of this.sets) {
-        if (one.triangles) {
-          one.faceBuffer = this.buffer(one.triangles, gl.ELEMENT_ARRAY_BUFFER);
-          one.edgeBuffer = this.buffer(one.edges, gl.ELEMENT_ARRAY_BUFFER);
-        }
-        if (one.triangles?.length > 90000) {
-          one.coarse = this.coarse(one.triangles);
-          one.coarseBuffer = this.buffer(one.coarse, gl.ELEMENT_ARRAY_BUFFER);
-        }
-        if (one.lines) {
-          one.ends = this.buffer(this.ends(one.lines));
-        }
-        if (one.marks) {
-          const size = new Float32Array(one.marks.length);
-          one.marks.forEach((_, k) => {
-            size[k] = one.type === "PointMass" ? 7 + 15 * Math.sqrt(one.weights[k] / heaviest) : 10;
-          });
-          one.markBuffer = this.buffer(this.ends(one.marks));
-          one.sizeBuffer = this.buffer(size);
-        }
-      }
-      if (this.few.length) {
-        this.dots = this.buffer(new Float32Array(n).fill(5));
-      }
+    if (this.few.length) {
+      this.dots = this.buffer(new Float32Array(this.labels.length).fill(5));
     }
-    this.ask();
   }
 
   // The faces of a large mesh while it turns: nodes of one cell of a grid count as one, and what is left of the triangles.
@@ -366,42 +380,69 @@ export class Scene {
     this.overlay(width, height, dense, colour);
   }
 
+  // Faces, beams and points by WebGL; `width` and `height` of the picture in px, `colour` gives a colour of the style sheet.
   paint(width, height, colour) {
-    const gl = this.gl,
-      [right, up, eye] = this.view.turn,
-      many = this.labels.length > 20000;
+    const gl = this.gl;
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     gl.clearColor(...rgb(colour("--paper")), 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
-    const use = (p) => {
-      gl.useProgram(p.program);
-      gl.uniformMatrix3fv(p.turn, false, [right[0], up[0], eye[0], right[1], up[1], eye[1], right[2], up[2], eye[2]]);
-      gl.uniform3fv(p.centre, this.centre);
-      gl.uniform2f(p.scale, (2 * this.view.unit) / width, (2 * this.view.unit) / height);
-      gl.uniform2f(p.shift, (2 * this.moved[0]) / width, (-2 * this.moved[1]) / height);
-      gl.uniform1f(p.depth, 0.9 / this.size);
-    };
-    const link = (p, name, buffer, size, divisor = 0, stride = 0, offset = 0) => {
-      const place = p["in_" + name];
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, gl.FLOAT, false, stride, offset);
-      gl.vertexAttribDivisor(place, divisor);
-    };
-    const clear = () => {
-      for (let k = 0; k < 4; k += 1) {
-        gl.disableVertexAttribArray(k);
-        gl.vertexAttribDivisor(k, 0);
-      }
-    };
     const shown = this.sets.filter((one) => !this.hidden.has(one.name));
-    use(this.faces);
-    link(this.faces, "at", this.at, 3);
+    this.usePainter(this.faces, width, height);
+    this.paintFaces(shown.filter((one) => one.triangles));
+    this.unlink();
+    this.usePainter(this.beams, width, height);
+    gl.uniform2f(this.beams.pixel, 2 / width, 2 / height);
+    this.paintBeams(
+      shown.filter((one) => one.lines),
+      colour("--ink"),
+    );
+    this.unlink();
+    this.usePainter(this.discs, width, height);
+    this.paintPoints(
+      shown.filter((one) => one.marks),
+      colour("--ink"),
+    );
+    this.unlink();
+  }
+
+  // A program of the graphics card, with the view.
+  usePainter(p, width, height) {
+    const gl = this.gl,
+      [right, up, eye] = this.view.turn;
+    gl.useProgram(p.program);
+    gl.uniformMatrix3fv(p.turn, false, [right[0], up[0], eye[0], right[1], up[1], eye[1], right[2], up[2], eye[2]]);
+    gl.uniform3fv(p.centre, this.centre);
+    gl.uniform2f(p.scale, (2 * this.view.unit) / width, (2 * this.view.unit) / height);
+    gl.uniform2f(p.shift, (2 * this.moved[0]) / width, (-2 * this.moved[1]) / height);
+    gl.uniform1f(p.depth, 0.9 / this.size);
+  }
+
+  // A buffer as the input `name` of a program.
+  link(p, name, buffer, size, divisor = 0, stride = 0, offset = 0) {
+    const gl = this.gl,
+      place = p["in_" + name];
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.enableVertexAttribArray(place);
+    gl.vertexAttribPointer(place, size, gl.FLOAT, false, stride, offset);
+    gl.vertexAttribDivisor(place, divisor);
+  }
+
+  unlink() {
+    for (let k = 0; k < 4; k += 1) {
+      this.gl.disableVertexAttribArray(k);
+      this.gl.vertexAttribDivisor(k, 0);
+    }
+  }
+
+  paintFaces(sets) {
+    const gl = this.gl,
+      many = this.labels.length > 20000;
+    this.link(this.faces, "at", this.at, 3);
     gl.uniform1f(this.faces.lit, 1);
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(1, 1);
-    for (const one of shown.filter((each) => each.triangles)) {
+    for (const one of sets) {
       gl.uniform4f(this.faces.colour, ...rgb(one.colour), 1);
       const quick = this.dragging && one.coarse?.length;
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, quick ? one.coarseBuffer : one.faceBuffer);
@@ -409,49 +450,52 @@ export class Scene {
     }
     gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.uniform1f(this.faces.lit, 0);
-    if (!(many && this.dragging)) {
-      // sides would cost most of the time of a large mesh that moves
-      gl.enable(gl.BLEND);
-      gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-      for (const one of shown.filter((each) => each.triangles)) {
-        gl.uniform4f(this.faces.colour, 0, 0, 0, many ? 0.12 : 0.45);
-        gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, one.edgeBuffer);
-        gl.drawElements(gl.LINES, one.edges.length, gl.UNSIGNED_INT, 0);
-      }
-      gl.disable(gl.BLEND);
+    if (many && this.dragging) {
+      return; // sides would cost most of the time of a large mesh that moves
     }
-    clear();
-    use(this.beams);
-    gl.uniform2f(this.beams.pixel, 2 / width, 2 / height);
-    for (const one of shown.filter((each) => each.lines)) {
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    for (const one of sets) {
+      gl.uniform4f(this.faces.colour, 0, 0, 0, many ? 0.12 : 0.45);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, one.edgeBuffer);
+      gl.drawElements(gl.LINES, one.edges.length, gl.UNSIGNED_INT, 0);
+    }
+    gl.disable(gl.BLEND);
+  }
+
+  paintBeams(sets, ink) {
+    const gl = this.gl;
+    for (const one of sets) {
       gl.uniform4f(this.beams.colour, ...rgb(one.colour), 1);
       gl.uniform1f(this.beams.width, one.lines.length > 20000 ? 1.5 : 5);
-      link(this.beams, "corner", this.quad, 2);
-      link(this.beams, "a", one.ends, 3, 1, 24, 0);
-      link(this.beams, "b", one.ends, 3, 1, 24, 12);
+      this.link(this.beams, "corner", this.quad, 2);
+      this.link(this.beams, "a", one.ends, 3, 1, 24, 0);
+      this.link(this.beams, "b", one.ends, 3, 1, 24, 12);
       gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, one.lines.length / 2);
       if (this.isOutlined) {
         // behind it, and wider: a colour near that of the paper is seen too
-        gl.uniform4f(this.beams.colour, ...rgb(colour("--ink")), 1);
+        gl.uniform4f(this.beams.colour, ...rgb(ink), 1);
         gl.uniform1f(this.beams.width, 7);
         gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, one.lines.length / 2);
       }
     }
-    clear();
-    use(this.discs);
-    for (const one of shown.filter((each) => each.marks)) {
+  }
+
+  // Masses and springs at points, and the nodes where they are few.
+  paintPoints(sets, ink) {
+    const gl = this.gl;
+    for (const one of sets) {
       gl.uniform4f(this.discs.colour, ...rgb(one.colour), 1);
-      link(this.discs, "at", one.markBuffer, 3);
-      link(this.discs, "size", one.sizeBuffer, 1);
+      this.link(this.discs, "at", one.markBuffer, 3);
+      this.link(this.discs, "size", one.sizeBuffer, 1);
       gl.drawArrays(gl.POINTS, 0, one.marks.length);
     }
     if (this.dots) {
-      gl.uniform4f(this.discs.colour, ...rgb(colour("--ink")), 1);
-      link(this.discs, "at", this.at, 3);
-      link(this.discs, "size", this.dots, 1);
+      gl.uniform4f(this.discs.colour, ...rgb(ink), 1);
+      this.link(this.discs, "at", this.at, 3);
+      this.link(this.discs, "size", this.dots, 1);
       gl.drawArrays(gl.POINTS, 0, this.labels.length);
     }
-    clear();
   }
 
   // Where a node is on the screen, with its depth.
@@ -490,6 +534,7 @@ export class Scene {
     return [dot(right), -dot(up)];
   }
 
+  // Links, supports, findings, sensors and names above the picture; `dense` pixels of the screen stand for one of the page.
   overlay(width, height, dense, colour) {
     const c = this.over.getContext("2d");
     c.setTransform(dense, 0, 0, dense, 0, 0);
@@ -502,6 +547,31 @@ export class Scene {
     if (!this.gl) {
       this.plainLines(c, ink);
     }
+    this.drawLinks(c, muted);
+    this.drawSupports(c, muted);
+    this.findings.forEach((one, k) => {
+      if (one.shown) {
+        this.finding(c, one, k, colour, boxes);
+      }
+    });
+    const names = this.sensors.filter((one) => this.row.has(one.node)).map((one) => this.drawSensor(c, one, colour));
+    for (const [text, x, y, fill] of names) {
+      this.word(c, text, x, y, fill, boxes, width);
+    }
+    if (this.labels.length <= 200) {
+      for (const k of this.few) {
+        const [x, y] = this.seen(k);
+        this.word(c, String(this.labels[k]), x + 7, y - 6, muted, boxes, width, true);
+      }
+    }
+    this.drawRing(c, this.hovered, muted, width);
+    this.drawRing(c, this.chosen, colour("--accent"), width);
+    this.drawn?.(c, colour);
+    this.axes(c, height, ink);
+  }
+
+  // Ties by dashed lines, and connectors by their signs.
+  drawLinks(c, muted) {
     c.strokeStyle = muted;
     c.lineWidth = 1.2;
     c.setLineDash([4, 3]);
@@ -523,80 +593,61 @@ export class Scene {
         }
       }
     }
+  }
+
+  drawSupports(c, muted) {
     c.fillStyle = muted;
-    const sign = this.told.supports.length > 60 ? 3 : 7;
-    for (const held of this.told.supports) {
-      const [x, y] = this.seen(held.node);
+    const size = this.told.supports.length > 60 ? 3 : 7;
+    for (const support of this.told.supports) {
+      const [x, y] = this.seen(support.node);
       c.beginPath();
       c.moveTo(x, y + 2);
-      c.lineTo(x - sign, y + 2 + 1.7 * sign);
-      c.lineTo(x + sign, y + 2 + 1.7 * sign);
+      c.lineTo(x - size, y + 2 + 1.7 * size);
+      c.lineTo(x + size, y + 2 + 1.7 * size);
       c.closePath();
       c.fill();
     }
-    this.findings.forEach((one, k) => {
-      if (one.shown) {
-        this.finding(c, one, k, colour, boxes);
-      }
-    });
-    const words = [];
-    for (const one of this.sensors) {
-      const row = one.node === null ? undefined : this.row.get(one.node);
-      if (row === undefined) {
-        continue;
-      }
-      const [x, y] = this.seen(row),
-        load = one.role === "load",
-        [dx, dy] = this.along(one.direction),
-        length = Math.hypot(dx, dy);
-      c.strokeStyle = c.fillStyle = colour(load ? "--load" : "--sensor");
-      c.lineWidth = one.chosen ? 4 : load ? 3 : 2.2;
-      if (length < 0.15) {
-        // points at the eye
-        c.beginPath();
-        c.arc(x, y, 9, 0, 7);
-        c.stroke();
-        c.beginPath();
-        c.arc(x, y, 2.5, 0, 7);
-        c.fill();
-        words.push([one.name, x + 11, y - 8, c.fillStyle]);
-        continue;
-      }
-      const u = [dx / length, dy / length],
-        reach = 26 + 16 * length,
-        from = load ? [x - u[0] * reach, y - u[1] * reach] : [x + 4 * u[0], y + 4 * u[1]],
-        to = load ? [x - 5 * u[0], y - 5 * u[1]] : [x + u[0] * reach, y + u[1] * reach];
-      this.arrow(c, from, to, u);
-      const tip = load ? from : to,
-        above = Math.abs(u[1]) < 0.35 ? -7 : 4 + 9 * u[1]; // beside an arrow that lies, not on the line that it may lie on
-      words.push([(load ? "load " : "") + one.name, tip[0] + 5 + 5 * u[0], tip[1] + above, c.fillStyle]);
-    }
-    for (const [text, x, y, fill] of words) {
-      this.word(c, text, x, y, fill, boxes, width);
-    }
-    if (this.labels.length <= 200) {
-      for (const k of this.few) {
-        const [x, y] = this.seen(k);
-        this.word(c, String(this.labels[k]), x + 7, y - 6, muted, boxes, width, true);
-      }
-    }
-    for (const [row, kind] of [
-      [this.hovered, muted],
-      [this.chosen, colour("--accent")],
-    ]) {
-      if (row < 0) {
-        continue;
-      }
-      const [x, y] = this.seen(row);
-      c.strokeStyle = kind;
-      c.lineWidth = 3;
+  }
+
+  // The arrow of a sensor or load, or a ring where it points at the eye; returns its name with place and colour.
+  drawSensor(c, one, colour) {
+    const [x, y] = this.seen(this.row.get(one.node)),
+      load = one.role === "load",
+      [dx, dy] = this.along(one.direction),
+      length = Math.hypot(dx, dy);
+    c.strokeStyle = c.fillStyle = colour(load ? "--load" : "--sensor");
+    c.lineWidth = one.chosen ? 4 : load ? 3 : 2.2;
+    if (length < 0.15) {
       c.beginPath();
       c.arc(x, y, 9, 0, 7);
       c.stroke();
-      this.word(c, "node " + this.labels[row], x + 12, y - 12, kind, [], width);
+      c.beginPath();
+      c.arc(x, y, 2.5, 0, 7);
+      c.fill();
+      return [one.name, x + 11, y - 8, c.fillStyle];
     }
-    this.drawn?.(c, colour);
-    this.axes(c, height, ink);
+    const u = [dx / length, dy / length],
+      reach = 26 + 16 * length,
+      from = load ? [x - u[0] * reach, y - u[1] * reach] : [x + 4 * u[0], y + 4 * u[1]],
+      to = load ? [x - 5 * u[0], y - 5 * u[1]] : [x + u[0] * reach, y + u[1] * reach];
+    this.arrow(c, from, to, u);
+    const tip = load ? from : to,
+      above = Math.abs(u[1]) < 0.35 ? -7 : 4 + 9 * u[1]; // beside an arrow that lies, not on the line that it may lie on
+    return [(load ? "load " : "") + one.name, tip[0] + 5 + 5 * u[0], tip[1] + above, c.fillStyle];
+  }
+
+  // A ring around a node with its number; nothing for row -1.
+  drawRing(c, row, colour, width) {
+    if (row < 0) {
+      return;
+    }
+    const [x, y] = this.seen(row);
+    c.strokeStyle = colour;
+    c.lineWidth = 3;
+    c.beginPath();
+    c.arc(x, y, 9, 0, 7);
+    c.stroke();
+    this.word(c, "node " + this.labels[row], x + 12, y - 12, colour, [], width);
   }
 
   // Elements and nodes of a finding, with its number at the first of them.
@@ -807,12 +858,55 @@ export class Scene {
   }
 
   listen() {
-    const stage = this.stage,
-      canvas = this.canvas,
+    this.listenToPointers();
+    const canvas = this.canvas;
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoomBy(Math.exp(-event.deltaY / 600));
+        this.ask();
+      },
+      {passive: false},
+    );
+    canvas.addEventListener("keydown", (event) => {
+      if (this.turnByKey(event.key)) {
+        event.preventDefault();
+        this.ask();
+      }
+    });
+    this.stage.style.touchAction = "none";
+  }
+
+  zoomBy(factor) {
+    this.zoom = Math.min(60, Math.max(0.2, this.zoom * factor));
+  }
+
+  // Turns or zooms as the key says; false if the key means nothing here.
+  turnByKey(key) {
+    const turns = {ArrowLeft: [-6, 0], ArrowRight: [6, 0], ArrowUp: [0, 6], ArrowDown: [0, -6]}[key];
+    if (turns) {
+      this.rotate(...turns);
+    } else if (key === "+" || key === "=") {
+      this.zoom *= 1.15;
+    } else if (key === "-") {
+      this.zoom /= 1.15;
+    } else if (key === "Home") {
+      this.home();
+    } else {
+      return false;
+    }
+    return true;
+  }
+
+  // Drags turn or move the view, or what the tool grips; two fingers zoom; a click chooses a node or goes to the tool.
+  listenToPointers() {
+    const canvas = this.canvas,
       pointers = new Map();
     let last = null,
-      far = 0,
-      apart = 0;
+      far = 0, // px that the pointer has gone since it went down
+      apart = 0; // px between two fingers
     const at = (event) => {
       const box = canvas.getBoundingClientRect();
       return [event.clientX - box.left, event.clientY - box.top];
@@ -827,13 +921,7 @@ export class Scene {
     canvas.addEventListener("pointermove", (event) => {
       const now = at(event);
       if (!pointers.has(event.pointerId)) {
-        if (this.view && this.labels.length < 50000) {
-          const row = this.nearest(...now);
-          if (row !== this.hovered) {
-            this.hovered = row;
-            this.ask();
-          }
-        }
+        this.hover(now);
         return;
       }
       pointers.set(event.pointerId, now);
@@ -841,7 +929,7 @@ export class Scene {
         const [a, b] = [...pointers.values()],
           wide = Math.hypot(a[0] - b[0], a[1] - b[1]);
         if (apart) {
-          this.zoom = Math.min(60, Math.max(0.2, (this.zoom * wide) / apart));
+          this.zoomBy(wide / apart);
           this.unit = 0;
         }
         apart = wide;
@@ -849,76 +937,67 @@ export class Scene {
         this.ask();
         return;
       }
-      const dx = now[0] - last[0],
-        dy = now[1] - last[1];
-      far += Math.abs(dx) + Math.abs(dy);
+      const way = [now[0] - last[0], now[1] - last[1]];
+      far += Math.abs(way[0]) + Math.abs(way[1]);
       last = now;
-      if (far < 5) {
-        return;
+      if (far >= 5) {
+        this.drag(event, now, way);
       }
-      this.dragging = true;
-      if (this.grip) {
-        this.grip.move(now);
-        return;
-      }
-      if (event.shiftKey || event.buttons === 4 || event.buttons === 2) {
-        this.moved = [this.moved[0] + dx, this.moved[1] + dy];
-      } else {
-        this.rotate(-0.4 * dx, 0.4 * dy);
-      }
-      this.ask();
     });
     const end = (event) => {
       if (!pointers.delete(event.pointerId)) {
         return;
       }
       apart = 0;
-      const point = at(event),
-        row = this.view ? this.nearest(...point) : -1;
-      if (far < 5 && event.type === "pointerup") {
-        if (!this.tool?.click?.(point, row)) {
-          this.choose(row);
-        }
-      } else if (this.grip) {
-        if (event.type === "pointerup") {
-          this.grip.drop(point);
-        } else {
-          this.grip.cancel();
-        }
-      }
-      this.grip = null;
-      this.dragging = false;
-      this.ask();
+      this.release(at(event), far < 5, event.type === "pointerup");
     };
     canvas.addEventListener("pointerup", end);
     canvas.addEventListener("pointercancel", end);
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        this.zoom = Math.min(60, Math.max(0.2, this.zoom * Math.exp(-event.deltaY / 600)));
+  }
+
+  // The node under a pointer that is not pressed is marked, except in a large mesh.
+  hover(point) {
+    if (this.view && this.labels.length < 50000) {
+      const row = this.nearest(...point);
+      if (row !== this.hovered) {
+        this.hovered = row;
         this.ask();
-      },
-      {passive: false},
-    );
-    canvas.addEventListener("keydown", (event) => {
-      const turns = {ArrowLeft: [-6, 0], ArrowRight: [6, 0], ArrowUp: [0, 6], ArrowDown: [0, -6]}[event.key];
-      if (turns) {
-        this.rotate(...turns);
-      } else if (event.key === "+" || event.key === "=") {
-        this.zoom *= 1.15;
-      } else if (event.key === "-") {
-        this.zoom /= 1.15;
-      } else if (event.key === "Home") {
-        this.home();
-      } else {
-        return;
       }
-      event.preventDefault();
-      this.ask();
-    });
-    stage.style.touchAction = "none";
+    }
+  }
+
+  // A pressed pointer came to `point` (px) by the way `way` (px).
+  drag(event, point, way) {
+    this.dragging = true;
+    if (this.grip) {
+      this.grip.move(point);
+      return;
+    }
+    if (event.shiftKey || event.buttons === 4 || event.buttons === 2) {
+      this.moved = [this.moved[0] + way[0], this.moved[1] + way[1]];
+    } else {
+      this.rotate(-0.4 * way[0], 0.4 * way[1]);
+    }
+    this.ask();
+  }
+
+  // A pointer went up (`isUp`) or was taken away at `point`; it is a click where it had hardly moved (`isShort`).
+  release(point, isShort, isUp) {
+    const row = this.view ? this.nearest(...point) : -1;
+    if (isShort && isUp) {
+      if (!this.tool?.click?.(point, row)) {
+        this.choose(row);
+      }
+    } else if (this.grip) {
+      if (isUp) {
+        this.grip.drop(point);
+      } else {
+        this.grip.cancel();
+      }
+    }
+    this.grip = null;
+    this.dragging = false;
+    this.ask();
   }
 
   rotate(azimuth, elevation) {

@@ -585,20 +585,32 @@ export function dependentsOf(model, label) {
   return words;
 }
 
+// A doubtful thing that prevents the study from being read; it has no place in the picture.
+const grave = (words, nodes = []) => ({words, nodes, outlines: [], isGrave: true});
+
 // What is doubtful: words, the nodes and elements that they are about, and whether the study cannot be read so.
 export function findings(model) {
+  const size = sizeOf(model);
+  return [
+    ...coincidentNodes(model, size),
+    ...model.sets.flatMap((set) => doubtsOfSet(model, set, size)),
+    ...missingNodes(model),
+    ...looseNodes(model),
+  ];
+}
+
+// Pairs of nodes at one place, by X first so that few pairs are compared.
+function coincidentNodes(model, size) {
   const list = [],
-    size = sizeOf(model),
-    labelsOf = [...model.nodes.keys()],
-    used = new Set();
-  labelsOf.sort((a, b) => model.nodes.get(a)[0] - model.nodes.get(b)[0]);
+    labelsOf = [...model.nodes.keys()].sort((a, b) => model.nodes.get(a)[0] - model.nodes.get(b)[0]);
   labelsOf.forEach((label, k) => {
-    for (
-      let j = k + 1;
-      j < labelsOf.length && model.nodes.get(labelsOf[j])[0] - model.nodes.get(label)[0] <= 1e-9 * size;
-      j += 1
-    ) {
-      if (same(model.nodes.get(label), model.nodes.get(labelsOf[j]), size)) {
+    const first = model.nodes.get(label);
+    for (let j = k + 1; j < labelsOf.length; j += 1) {
+      const second = model.nodes.get(labelsOf[j]);
+      if (!(second[0] - first[0] <= 1e-9 * size)) {
+        break;
+      }
+      if (same(first, second, size)) {
         const pair = [label, labelsOf[j]].sort((a, b) => a - b);
         list.push({
           words: `Nodes ${pair[0]} and ${pair[1]} are at the same place. Nothing joins them unless an element does: move one, or remove it.`,
@@ -608,82 +620,72 @@ export function findings(model) {
       }
     }
   });
-  for (const set of model.sets) {
-    const texts_ =
-      set.type === "spring"
-        ? springEnds(set)
-            .flat()
-            .filter((text) => text !== null)
-            .map((text) => parseDofs(text)?.node)
-        : (set.entry.nodes ?? []).flat();
-    for (const label of texts_) {
-      used.add(label);
-      if (!model.nodes.has(label)) {
-        list.push({
-          words: `${set.name} names node ${label}, which is not there.`,
-          nodes: [],
-          outlines: [],
-          isGrave: true,
-        });
-      }
-    }
-    for (const pair of pairsOf(set)) {
-      const [a, b] = pair.map((label) => model.nodes.get(label));
-      if (a && b && same(a, b, size)) {
-        list.push({
-          words: `Element ${pair.join("-")} of ${set.name} has no length.`,
-          nodes: pair,
-          outlines: [],
-          isGrave: true,
-        });
-      }
-    }
-  }
-  for (const one of model.fixed) {
-    if (one.node !== null && !model.nodes.has(one.node)) {
-      list.push({
-        words: `The support ${one.text} is at node ${one.node}, which is not there.`,
-        nodes: [],
-        outlines: [],
-        isGrave: true,
-      });
-    }
-  }
-  for (const [what, all] of [
-    ["sensor", model.sensors],
-    ["load", model.loads],
-  ]) {
-    for (const text of all) {
-      if (!model.nodes.has(parseDofs(text)?.node)) {
-        list.push({
-          words: `The ${what} ${text} is on a node that is not there: put the node back (Undo), or take the ${what} out.`,
-          nodes: [],
-          outlines: [],
-          isGrave: true,
-        });
-      }
-    }
-  }
-  for (const record of model.placed) {
-    for (const [name, one] of Object.entries(record)) {
-      if (one?.node !== undefined && !model.nodes.has(one.node)) {
-        list.push({
-          words: `The sensor ${name} of the record is on node ${one.node}, which is not there: put the node back (Undo), or place the sensor anew in step Structure.`,
-          nodes: [],
-          outlines: [],
-          isGrave: true,
-        });
-      }
-    }
-  }
-  const loose =
-    model.others.length || !model.sets.length ? [] : [...model.nodes.keys()].filter((label) => !used.has(label));
-  if (loose.length) {
-    list.push({
-      words: `${loose.length === 1 ? `Node ${loose[0]} belongs` : `Nodes ${loose.slice(0, 12).join(", ")} belong`} to no element yet.`,
-      nodes: loose,
-      outlines: [],
-    });
-  }
   return list;
+}
+
+// Nodes that the elements of a set name, in the order of the elements.
+const nodesOfSet = (set) =>
+  set.type === "spring"
+    ? springEnds(set)
+        .flat()
+        .filter((text) => text !== null)
+        .map((text) => parseDofs(text)?.node)
+    : (set.entry.nodes ?? []).flat();
+
+// Elements at nodes that are not there, and elements without length.
+function doubtsOfSet(model, set, size) {
+  const isPoint = (pair) => {
+    const [a, b] = pair.map((label) => model.nodes.get(label));
+    return a && b && same(a, b, size);
+  };
+  return [
+    ...nodesOfSet(set)
+      .filter((label) => !model.nodes.has(label))
+      .map((label) => grave(`${set.name} names node ${label}, which is not there.`)),
+    ...pairsOf(set)
+      .filter(isPoint)
+      .map((pair) => grave(`Element ${pair.join("-")} of ${set.name} has no length.`, pair)),
+  ];
+}
+
+// Supports, planned sensors and loads, and sensors of a record on nodes that are not there.
+function missingNodes(model) {
+  const planned = (what, texts_) =>
+    texts_
+      .filter((text) => !model.nodes.has(parseDofs(text)?.node))
+      .map((text) =>
+        grave(`The ${what} ${text} is on a node that is not there: put the node back (Undo), or take the ${what} out.`),
+      );
+  return [
+    ...model.fixed
+      .filter((one) => one.node !== null && !model.nodes.has(one.node))
+      .map((one) => grave(`The support ${one.text} is at node ${one.node}, which is not there.`)),
+    ...planned("sensor", model.sensors),
+    ...planned("load", model.loads),
+    ...model.placed.flatMap((record) =>
+      Object.entries(record)
+        .filter(([, one]) => one?.node !== undefined && !model.nodes.has(one.node))
+        .map(([name, one]) =>
+          grave(
+            `The sensor ${name} of the record is on node ${one.node}, which is not there: put the node back (Undo), or place the sensor anew in step Structure.`,
+          ),
+        ),
+    ),
+  ];
+}
+
+// Nodes of no element, in one finding; none where elements may come from elsewhere.
+function looseNodes(model) {
+  const used = new Set(model.sets.flatMap(nodesOfSet)),
+    loose =
+      model.others.length || !model.sets.length ? [] : [...model.nodes.keys()].filter((label) => !used.has(label));
+  return loose.length
+    ? [
+        {
+          words: `${loose.length === 1 ? `Node ${loose[0]} belongs` : `Nodes ${loose.slice(0, 12).join(", ")} belong`} to no element yet.`,
+          nodes: loose,
+          outlines: [],
+        },
+      ]
+    : [];
 }

@@ -52,17 +52,46 @@ export async function show(box, app) {
   draw(app.runs);
 }
 
+// A results folder that neither exists nor is written by a run.
+function freeResults(app) {
+  const base = resultsName(app.study),
+    taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
+  let name = `${base}_results`;
+  for (let k = 2; taken.has(name); k += 1) {
+    name = `${base}_results_${k}`;
+  }
+  return name;
+}
+
+// The button that asks what a run will take, and writes the answer into `place`.
+function needsButton(app, place) {
+  const ask = h(
+    "button",
+    {
+      type: "button",
+      onclick: () =>
+        app.doing(ask, async () => {
+          fill(place, "Timing a few lines, and trying the search for some seconds…");
+          try {
+            const needs = await get("needs", {study: app.study});
+            fill(
+              place,
+              `About ${clock(needs.seconds)}${duration(needs)}. One iteration takes about ${clock(needs.iteration_seconds)}. About ${bytes(needs.bytes)} of memory (${bytes(needs.free)} free).`,
+            );
+          } catch (error) {
+            fill(place, "");
+            throw error;
+          }
+        }),
+    },
+    "What will it take?",
+  );
+  return ask;
+}
+
+// The card that starts a run.
 function start(app) {
-  const free = () => {
-    const base = resultsName(app.study),
-      taken = new Set([...app.folder.results.map((one) => one.path), ...app.runs.map((one) => one.results)]);
-    let name = `${base}_results`;
-    for (let k = 2; taken.has(name); k += 1) {
-      name = `${base}_results_${k}`;
-    }
-    return name;
-  };
-  const results = h("input", {value: free(), spellcheck: "false", id: "results-folder"}),
+  const results = h("input", {value: freeResults(app), spellcheck: "false", id: "results-folder"}),
     needs = h("p", {class: "note", "aria-live": "polite"}, "");
   const limit = h("input", {inputmode: "decimal", placeholder: "by itself", id: "causes-seconds"}),
     always = h("input", {type: "checkbox", "data-kept": true});
@@ -84,36 +113,15 @@ function start(app) {
           explain: always.checked,
         },
         () => {
-          results.value = free();
+          results.value = freeResults(app);
         },
       ),
     {class: "main", disabled: off},
   );
-  const ask = h(
-    "button",
-    {
-      type: "button",
-      onclick: () =>
-        app.doing(ask, async () => {
-          fill(needs, "Timing a few lines, and trying the search for some seconds…");
-          try {
-            const found = await get("needs", {study: app.study});
-            fill(
-              needs,
-              `About ${clock(found.seconds)}${duration(found)}. One iteration takes about ${clock(found.iteration_seconds)}. About ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`,
-            );
-          } catch (error) {
-            fill(needs, "");
-            throw error;
-          }
-        }),
-    },
-    "What will it take?",
-  );
   return h(
     "section",
     {class: "card"},
-    h("div", {class: "row end"}, field("Results go to", results), buttons, ask),
+    h("div", {class: "row end"}, field("Results go to", results), buttons, needsButton(app, needs)),
     h(
       "details",
       {"data-kept": true},

@@ -7,30 +7,10 @@ import {forgetTyped} from "../typed.js";
 export async function show(box, app) {
   await app.reload();
   document.getElementById("study").value = app.study;
-  const {records, models, writable} = app.folder,
+  const {writable} = app.folder,
     made = await fresh(app),
     list = h("section", {class: "card"});
-  const draw = ({studies}) =>
-    fill(
-      list,
-      h("h2", {}, "Studies in this folder"),
-      studies.length
-        ? h(
-            "ul",
-            {class: "plain"},
-            studies.map((one) =>
-              h(
-                "li",
-                {},
-                h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title),
-                " ",
-                h("span", {class: "muted"}, one.path),
-                one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null,
-              ),
-            ),
-          )
-        : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder."),
-    );
+  const draw = ({studies}) => fill(list, h("h2", {}, "Studies in this folder"), studyList(studies));
   draw(app.folder);
   app.heard.add(({folder}) => {
     if (folder) {
@@ -52,35 +32,57 @@ export async function show(box, app) {
       : null,
     h("div", {class: "columns"}, h("div", {}, list, another(app)), made.box),
     drop(app),
+    files(app, made.from),
+  );
+}
+
+// Links to the studies of the folder.
+const studyList = (studies) =>
+  studies.length
+    ? h(
+        "ul",
+        {class: "plain"},
+        studies.map((one) =>
+          h(
+            "li",
+            {},
+            h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title),
+            " ",
+            h("span", {class: "muted"}, one.path),
+            one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null,
+          ),
+        ),
+      )
+    : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder.");
+
+// Records and models of the folder; `from` begins a study on a model.
+function files(app, from) {
+  const {records, models, writable} = app.folder;
+  const modelButton = ({path}) =>
     h(
-      "section",
-      {class: "card"},
-      h("h2", {}, "Records and models"),
-      records.length + models.length
-        ? h(
-            "ul",
-            {class: "plain"},
-            records.map((one) => row(one, lookButton(app, one))),
-            models.map((one) =>
-              row(
-                one,
-                h(
-                  "button",
-                  {
-                    class: "small",
-                    type: "button",
-                    disabled: !writable,
-                    "aria-label": `New study from it: ${one.path}`,
-                    onclick: () => made.from(one.path),
-                  },
-                  "New study from it",
-                ),
-              ),
-            ),
-          )
-        : h("p", {class: "muted"}, "None yet."),
-      unusable(app.folder.unusable),
-    ),
+      "button",
+      {
+        class: "small",
+        type: "button",
+        disabled: !writable,
+        "aria-label": `New study from it: ${path}`,
+        onclick: () => from(path),
+      },
+      "New study from it",
+    );
+  return h(
+    "section",
+    {class: "card"},
+    h("h2", {}, "Records and models"),
+    records.length + models.length
+      ? h(
+          "ul",
+          {class: "plain"},
+          records.map((one) => row(one, lookButton(app, one))),
+          models.map((one) => row(one, modelButton(one))),
+        )
+      : h("p", {class: "muted"}, "None yet."),
+    unusable(app.folder.unusable),
   );
 }
 
@@ -471,49 +473,6 @@ function preview(path, form, given) {
   let lines = [],
     encoding = null;
   const said = (name) => form.querySelector(`[name=${name}]`)?.value.trim() ?? given[name] ?? "";
-  const draw = () => {
-    const separator =
-      SEPARATORS[said("separator")] ?? ["\t", ";", ","].find((sign) => lines.at(-1)?.includes(sign)) ?? /\s+/;
-    const skip = Number(said("skip_rows")) || 0,
-      headers = said("header_rows") === "" ? 1 : Number(said("header_rows")) || 0;
-    const rows = lines.map((line, k) => {
-      const parts = line.split(separator);
-      return {
-        parts: parts.slice(0, 8),
-        more: parts.length > 8,
-        kind: k < skip ? "skipped" : k < skip + headers ? "header" : null,
-      };
-    });
-    fill(
-      place,
-      h(
-        "div",
-        {class: "wide", tabindex: 0, role: "group", "aria-label": `First lines of ${path}`},
-        h(
-          "table",
-          {},
-          h("caption", {class: "note"}, "Its first lines, as this layout takes them apart"),
-          h(
-            "tbody",
-            {},
-            rows.map(({parts, more, kind}, k) =>
-              h(
-                "tr",
-                {class: kind},
-                h(
-                  "th",
-                  {scope: "row"},
-                  `${k + 1}${kind === "skipped" ? " left out" : kind === "header" ? " header" : ""}`,
-                ),
-                parts.map((part) => h("td", {}, part)),
-                more ? h("td", {}, "…") : null,
-              ),
-            ),
-          ),
-        ),
-      ),
-    );
-  };
   const read = async () => {
     const wanted = said("encoding");
     if (wanted !== encoding) {
@@ -533,7 +492,7 @@ function preview(path, form, given) {
       }
     }
     if (lines.length) {
-      draw();
+      fill(place, linesTable(path, lines, said));
     }
   };
   for (const kind of ["input", "change"]) {
@@ -541,6 +500,36 @@ function preview(path, form, given) {
   }
   read();
   return place;
+}
+
+// Lines in their columns, eight at most; `said` gives what a field of the layout says, by its name.
+function linesTable(path, lines, said) {
+  const separator =
+    SEPARATORS[said("separator")] ?? ["\t", ";", ","].find((sign) => lines.at(-1)?.includes(sign)) ?? /\s+/;
+  const skip = Number(said("skip_rows")) || 0,
+    headers = said("header_rows") === "" ? 1 : Number(said("header_rows")) || 0;
+  const rows = lines.map((line, k) => {
+    const parts = line.split(separator),
+      kind = k < skip ? "skipped" : k < skip + headers ? "header" : null,
+      words = kind === "skipped" ? " left out" : kind === "header" ? " header" : "";
+    return h(
+      "tr",
+      {class: kind},
+      h("th", {scope: "row"}, `${k + 1}${words}`),
+      parts.slice(0, 8).map((part) => h("td", {}, part)),
+      parts.length > 8 ? h("td", {}, "…") : null,
+    );
+  });
+  return h(
+    "div",
+    {class: "wide", tabindex: 0, role: "group", "aria-label": `First lines of ${path}`},
+    h(
+      "table",
+      {},
+      h("caption", {class: "note"}, "Its first lines, as this layout takes them apart"),
+      h("tbody", {}, rows),
+    ),
+  );
 }
 
 const counted = (channels) => (channels.length === 1 ? "1 channel" : `${channels.length} channels`);
@@ -601,6 +590,10 @@ export function facts(found) {
   );
 }
 
+// Values as texts of TOML, by key.
+const writtenKeys = (values) => Object.fromEntries(Object.entries(values).map(([key, value]) => [key, written(value)]));
+
+// Buttons that make a file the record of the open study, or one more of its records; `found` are its facts, `given` how it is read.
 export function use(app, path, found, given) {
   const folder = besideStudy(app);
   if (!path.startsWith(folder)) {
@@ -609,27 +602,17 @@ export function use(app, path, found, given) {
   const name = path.slice(folder.length);
   const segment = h("input", {value: String(found.segment || 1024), name: "segment_length", inputmode: "numeric"});
   const isTime = found.kind === "time histories";
-  const edits = () => {
-    const keys = {
-        path: JSON.stringify(name),
-        ...Object.fromEntries(
-          Object.entries(given)
-            .filter(([key]) => key !== "csv")
-            .map(([key, value]) => [key, written(value)]),
-        ),
+  const {csv, ...plain} = given;
+  const edits = () =>
+    recordEdits(
+      app,
+      {path: JSON.stringify(name), ...writtenKeys(plain)},
+      {
+        ...(csv ? {csv: writtenKeys(csv)} : {}),
+        ...(isTime ? {frf: {segment_length: String(Math.round(numberIn(segment, {least: 2})))}} : {}),
+        ...(found.kind === "modes" ? {modes: {form: '"output"'}} : {}),
       },
-      tables = {};
-    if (given.csv) {
-      tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)]));
-    }
-    if (isTime) {
-      tables.frf = {segment_length: String(Math.round(numberIn(segment, {least: 2})))};
-    }
-    if (found.kind === "modes") {
-      tables.modes = {form: '"output"'};
-    }
-    return recordEdits(app, keys, tables);
-  };
+    );
   const made = (which, words, told) => {
     const button = h(
       "button",

@@ -86,97 +86,16 @@ function nominal(told, entry) {
     .find((one) => one.name === entry.property);
 }
 
+// The table of [[unknown]], each cell written into the study where it is changed; `changed` is called after each edit.
 function draw(place, app, told, changed) {
-  const list = app.now.table.unknown || [];
-  const cell = (words, label, save, placeholder = "") => {
-    const input = h("input", {
-      value: words,
-      placeholder,
-      "aria-label": label,
-      spellcheck: "false",
-      disabled: !app.folder.writable,
-      size: Math.max(7, Math.min(16, words.length + 1)),
-    });
-    input.addEventListener("change", () =>
-      app.doing(input, async () => {
-        try {
-          if (await save(input.value.trim())) {
-            changed();
-          }
-        } catch (error) {
-          refuseTyped(input, error.message);
-          throw error;
-        }
-      }),
-    );
-    return input;
-  };
-  const change = async (k, key, value, remove = value === "") => {
-    await app.edit([remove ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
-    return true;
-  };
+  const entries = app.now.table.unknown || [];
   fill(
     place,
-    h("h2", {}, `Unknowns (${list.length} entries)`),
-    list.length
+    h("h2", {}, `Unknowns (${entries.length} entries)`),
+    entries.length
       ? table(
           ["property", "elements", "predicted std", "each", "start", "bounds", "prior", "fixed", ""],
-          list.map((one, k) => {
-            const name = `${one.property} of ${shown(one.elements)}`;
-            const has = (key) => one[key] !== undefined,
-              own = nominal(told, one),
-              unit = unitText(own?.unit);
-            const flag = (key) =>
-              h("input", {
-                type: "checkbox",
-                checked: Boolean(one[key]),
-                disabled: !app.folder.writable,
-                "aria-label": `${key === "each" ? "one for each element" : "kept at its start"}: ${name}`,
-                onchange: (event) =>
-                  app.doing(event.target, async () => {
-                    await change(k, key, "true", !event.target.checked);
-                    changed();
-                  }),
-              });
-            const prior = priorWords(one.prior);
-            return [
-              [one.property + (one.field ? " (field)" : ""), unit ? h("span", {class: "muted"}, `, ${unit}`) : null],
-              shown(one.elements),
-              h("span", {"data-predicted": String(k)}, "…"),
-              flag("each"),
-              cell(
-                shown(one.start),
-                `start: ${name}`,
-                (text) => (text || has("start") ? change(k, "start", text === "" ? "" : numeric(text)) : false),
-                own && own.low === own.high ? typed(own.low) : "",
-              ),
-              cell(shown(one.bounds), `bounds: ${name}`, (text) =>
-                text || has("bounds") ? change(k, "bounds", text === "" ? "" : boundsWritten(text)) : false,
-              ),
-              cell(prior, `prior: ${name}`, (text) => {
-                if (!text) {
-                  return has("prior") ? change(k, "prior", "") : false;
-                }
-                return change(k, "prior", priorWritten(text));
-              }),
-              flag("fixed"),
-              h(
-                "button",
-                {
-                  class: "small",
-                  type: "button",
-                  disabled: !app.folder.writable,
-                  "aria-label": `Remove ${name}`,
-                  onclick: (event) =>
-                    app.doing(event.target, async () => {
-                      await app.edit([{remove: ["unknown", k]}], `${name} is no unknown any more`);
-                      changed();
-                    }),
-                },
-                "Remove",
-              ),
-            ];
-          }),
+          entries.map((entry, k) => entryRow(app, entry, k, nominal(told, entry), changed)),
         )
       : h("p", {class: "muted"}, "None yet."),
     h(
@@ -187,61 +106,123 @@ function draw(place, app, told, changed) {
   );
 }
 
-function fresh(app, told, changed) {
-  const sets = told.sets.filter((one) => one.properties.length),
-    names = h(
-      "select",
+// The cells of the k-th entry; `property` is that of the structure, for unit and nominal value.
+function entryRow(app, entry, k, property, changed) {
+  const name = `${entry.property} of ${shown(entry.elements)}`,
+    unit = unitText(property?.unit);
+  const change = (key, value) =>
+    app.edit([value === "" ? {remove: ["unknown", k, key]} : {set: ["unknown", k, key], to: value}]);
+  // an empty cell of a key that the entry has not is no change
+  const cell = (key, words, toToml, placeholder = "") =>
+    textCell(app, words, `${key}: ${name}`, placeholder, async (text) => {
+      if (text || entry[key] !== undefined) {
+        await change(key, text === "" ? "" : toToml(text));
+        changed();
+      }
+    });
+  const flag = (key, label) =>
+    h("input", {
+      type: "checkbox",
+      checked: Boolean(entry[key]),
+      disabled: !app.folder.writable,
+      "aria-label": `${label}: ${name}`,
+      onchange: (event) =>
+        app.doing(event.target, async () => {
+          await change(key, event.target.checked ? "true" : "");
+          changed();
+        }),
+    });
+  return [
+    [entry.property + (entry.field ? " (field)" : ""), unit ? h("span", {class: "muted"}, `, ${unit}`) : null],
+    shown(entry.elements),
+    h("span", {"data-predicted": String(k)}, "…"),
+    flag("each", "one for each element"),
+    cell("start", shown(entry.start), numeric, property && property.low === property.high ? typed(property.low) : ""),
+    cell("bounds", shown(entry.bounds), boundsWritten),
+    cell("prior", priorWords(entry.prior), priorWritten),
+    flag("fixed", "kept at its start"),
+    h(
+      "button",
       {
-        id: "set",
-        "data-kept": true,
-        multiple: true,
-        size: Math.min(6, Math.max(2, sets.length)),
-        onchange: () => draw_(),
+        class: "small",
+        type: "button",
+        disabled: !app.folder.writable,
+        "aria-label": `Remove ${name}`,
+        onclick: (event) =>
+          app.doing(event.target, async () => {
+            await app.edit([{remove: ["unknown", k]}], `${name} is no unknown any more`);
+            changed();
+          }),
       },
-      options(
-        sets.map((one) => [one.name, `${one.name} (${one.count} × ${one.type})`]),
-        sets[0]?.name,
-      ),
-    );
+      "Remove",
+    ),
+  ];
+}
+
+// A field of a table whose text is saved when it is left; what `save` refuses is said beside it.
+function textCell(app, words, label, placeholder, save) {
+  const input = h("input", {
+    value: words,
+    placeholder,
+    "aria-label": label,
+    spellcheck: "false",
+    disabled: !app.folder.writable,
+    size: Math.max(7, Math.min(16, words.length + 1)),
+    onchange: () =>
+      app.doing(input, async () => {
+        try {
+          await save(input.value.trim());
+        } catch (error) {
+          refuseTyped(input, error.message);
+          throw error;
+        }
+      }),
+  });
+  return input;
+}
+
+// The card that adds an unknown: a property that all chosen element sets have.
+function fresh(app, told, changed) {
+  const sets = told.sets.filter((one) => one.properties.length);
+  const names = h(
+    "select",
+    {
+      id: "set",
+      "data-kept": true,
+      multiple: true,
+      size: Math.min(6, Math.max(2, sets.length)),
+      onchange: () => offerProperties(),
+    },
+    options(
+      sets.map((one) => [one.name, `${one.name} (${one.count} × ${one.type})`]),
+      sets[0]?.name,
+    ),
+  );
   const property = h("select", {id: "property", "data-kept": true}),
     each = h("input", {type: "checkbox", id: "each", "data-kept": true});
-  const draw_ = () => {
-    const chosen = [...names.selectedOptions].map((one) => sets.find((set) => set.name === one.value)),
-      common = (chosen[0]?.properties || []).filter((p) =>
-        chosen.every((set) => set.properties.some((other) => other.name === p.name)),
-      ),
-      before = property.value;
-    fill(
-      property,
-      options(
-        common.map((p) => [
-          p.name,
-          `${p.name}, nominal ${p.low === p.high ? quantity(p.low, p.unit) : "from " + quantity(p.low, p.unit)}`,
-        ]),
-        before,
-      ),
-    );
+  const chosenNames = () => [...names.selectedOptions].map((one) => one.value);
+  const offerProperties = () => {
+    const chosen = chosenNames().map((name) => sets.find((set) => set.name === name));
+    fill(property, options(commonProperties(chosen), property.value));
   };
-  draw_();
-  const button = h(
+  offerProperties();
+  const add = h(
     "button",
     {
       class: "main",
       type: "button",
       disabled: !app.folder.writable,
       onclick: () =>
-        app.doing(button, async () => {
-          const chosen = [...names.selectedOptions].map((one) => one.value);
+        app.doing(add, async () => {
+          const chosen = chosenNames();
           if (!chosen.length || !property.value) {
             throw new Error("Choose an element set and a property");
           }
           const entry = {
             property: JSON.stringify(property.value),
             elements: chosen.length === 1 ? JSON.stringify(chosen[0]) : toml(chosen),
+            ...(each.checked ? {each: "true"} : {}),
           };
-          if (each.checked) {
-            entry.each = "true";
-          }
           await app.edit([{add: ["unknown"], table: entry}], `${property.value} of ${chosen.join(", ")} is sought`);
           changed();
         }),
@@ -258,10 +239,19 @@ function fresh(app, told, changed) {
       field("Element sets", names),
       field("Property", property),
       h("label", {class: "check"}, each, "one for each element"),
-      button,
+      add,
     ),
   );
 }
+
+// Names of the properties that all of some element sets have, with the nominal value of the first set.
+const commonProperties = (sets) =>
+  (sets[0]?.properties || [])
+    .filter(({name}) => sets.every((set) => set.properties.some((one) => one.name === name)))
+    .map(({name, low, high, unit}) => [
+      name,
+      `${name}, nominal ${low === high ? quantity(low, unit) : "from " + quantity(low, unit)}`,
+    ]);
 
 // The parameters that an entry makes, by their names.
 function made(entry, all) {
