@@ -27,7 +27,7 @@ from structid.records import FrfRecord
 from structid.records.formats import write_record
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
-from structid.workbench.work.called import called
+from structid.workbench.work.functions import answer_json
 
 RUN = CliRunner()
 ETA = 0.02
@@ -350,7 +350,7 @@ def test_looking_at_a_study_in_the_workbench_reads_what_is_kept(tmp_path):
     path = study(tmp_path, {"k1": 1180.0, "k2": 810.0})
     assert RUN.invoke(cli.app, ["check", str(path)]).exit_code == 0
     for name in ("check", "scene", "line"):
-        found = json.loads(called(name, str(tmp_path), {"study": path.name}))
+        found = json.loads(answer_json(name, str(tmp_path), {"study": path.name}))
         assert "error" not in found, found
 
 

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.records import FrfRecord
 from structid.records.formats import write_record
-from structid.workbench.work.called import called
+from structid.workbench.work.functions import answer_json
 
 RUN = CliRunner()
 
@@ -339,7 +339,7 @@ def test_looking_at_a_study_in_the_workbench_runs_no_program_but_reads_what_is_k
     path = chain_study(tmp_path, "matrices", "--log {study}/log")
 
     def looked(name: str) -> dict:
-        return json.loads(called(name, str(tmp_path), {"study": path.name}))
+        return json.loads(answer_json(name, str(tmp_path), {"study": path.name}))
 
     for name in ("check", "scene", "line"):
         assert re.search(r"names a program that has yet to run .* looking at a study runs none", looked(name)["error"])

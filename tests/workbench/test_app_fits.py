@@ -10,7 +10,7 @@ from structid.study.results.folder import write_results
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from structid.workbench.work.answer import fitted_responses
-from structid.workbench.work.called import called
+from structid.workbench.work.functions import answer_json
 from study_cases import write_chain
 
 
@@ -22,9 +22,9 @@ def test_channels_come_the_worst_first_with_what_was_measured_and_fitted(tmp_pat
     result = run_study(load_study(write_chain(tmp_path)))
     (tmp_path / "out").mkdir()
     write_results(result, tmp_path / "out")
-    found = json.loads(called("fits", str(tmp_path), {"results": "out"}))
+    found = json.loads(answer_json("fits", str(tmp_path), {"results": "out"}))
     fit = result.identification.fits[0]
-    modelled = json.loads(called("modelled", str(tmp_path), {"study": "chain.toml"}))
+    modelled = json.loads(answer_json("modelled", str(tmp_path), {"study": "chain.toml"}))
     assert [one["name"] for one in modelled["channels"]] == [
         f"{output} / {load}" for output in fit.problem.record.outputs for load in fit.problem.record.inputs
     ]
@@ -51,4 +51,4 @@ def test_results_without_responses_or_of_another_program_are_told(tmp_path):
     with h5py.File(tmp_path / "out" / "estimate.h5", "w") as file:
         file["frf/frequency"] = np.arange(3.0)
         file["frf/measured"] = np.ones(7)
-    assert "its responses cannot be used" in json.loads(called("fits", str(tmp_path), {"results": "out"}))["error"]
+    assert "its responses cannot be used" in json.loads(answer_json("fits", str(tmp_path), {"results": "out"}))["error"]

@@ -13,7 +13,7 @@ from structid.core.errors import FileError, InputError
 from structid.records import ReadOptions
 from structid.study.templates import TEMPLATES, template_with, write_study
 from structid.workbench.work import signals
-from structid.workbench.work.called import called
+from structid.workbench.work.functions import answer_json
 from structid.workbench.work.signals import BIN, facts, histories, overview_path, write_overview
 
 OPTIONS = ReadOptions(sampling_rate=100.0, channels=("1X", "2X"), quantities=("acceleration",))
@@ -103,7 +103,7 @@ def test_a_record_is_shown_where_the_file_of_another_one_is_missing(tmp_path):
 
     def asked(number: int) -> dict:
         given = {"study": "beam.toml", "outputs": [], "number": number}
-        return json.loads(called("responses", str(tmp_path), given))
+        return json.loads(answer_json("responses", str(tmp_path), given))
 
     found = asked(1)
     assert found["outputs"] == ["13Y+"]

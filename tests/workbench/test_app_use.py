@@ -19,7 +19,7 @@ from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from structid.study.templates import TEMPLATES, template_with, write_study
 from structid.workbench.folder import EXPORTS, OpenFolder
-from structid.workbench.work.called import called
+from structid.workbench.work.functions import answer_json
 from study_cases import write_chain
 
 require_workbench()
@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
 
 
 def ask(folder, name, **given):
-    return json.loads(called(name, str(folder), given))
+    return json.loads(answer_json(name, str(folder), given))
 
 
 def curve(text):

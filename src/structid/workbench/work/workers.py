@@ -8,7 +8,7 @@ from collections import OrderedDict
 from typing import Any
 
 from structid.study.run.piped import PipedProcesses, ProcessLostError
-from structid.workbench.work.called import called_again
+from structid.workbench.work.functions import answer_keeping_records
 
 #: Workers idle for so long are ended, s.
 IDLE_SECONDS = 120.0
@@ -49,7 +49,7 @@ def limit_memory() -> None:
 
 
 class Workers:
-    """Calls of `called_again` in processes; the last answers are kept by the content that they belong to."""
+    """Calls of `answer_keeping_records` in processes; the last answers are kept by the content that they belong to."""
 
     def __init__(self, root: str) -> None:
         """Worker processes for the folder at the path `root`; each is started at its first call."""
@@ -91,7 +91,7 @@ class Workers:
         pool = self._pools[kind]
         self._busy[kind] += 1
         try:
-            return await asyncio.wrap_future(pool.submit(called_again, name, self.root, arguments))
+            return await asyncio.wrap_future(pool.submit(answer_keeping_records, name, self.root, arguments))
         except (ProcessLostError, asyncio.CancelledError):  # ended while it worked, or before its turn
             if self._pools.get(kind) is pool:
                 self._pools.pop(kind).shutdown()

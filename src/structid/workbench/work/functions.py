@@ -1,4 +1,4 @@
-"""Calls of structid by the workbench, in worker processes: the server stays small and outlives a broken file.
+"""Functions that the workbench calls in worker processes: its server stays small and outlives a broken file.
 
 Every function takes the folder first and gives what JSON can hold.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # NumPy comes with it, which the server does without
 _KEPT_BYTES = 500_000_000
 
 
-def called(name: str, root: str, arguments: dict[str, Any]) -> str:
+def answer_json(name: str, root: str, arguments: dict[str, Any]) -> str:
     """JSON text that the worker function `name` answers, or ``{"error": message}`` if it fails.
 
     `root` is the path of the open folder, which the function takes first; `arguments` are its other arguments by name.
@@ -29,18 +29,18 @@ def called(name: str, root: str, arguments: dict[str, Any]) -> str:
     from structid.core.json_types import plain
 
     try:
-        found = _FUNCTIONS[name](OpenFolder(Path(root)), **arguments)
+        answer = _FUNCTIONS[name](OpenFolder(Path(root)), **arguments)
     except StructidError as error:
-        found = {"error": str(error).replace(f"{root}/", "")}
+        answer = {"error": str(error).replace(f"{root}/", "")}
     except MemoryError:
-        found = {"error": "does not fit in memory; close other programs, or take a smaller part"}
+        answer = {"error": "does not fit in memory; close other programs, or take a smaller part"}
     except (OSError, ArithmeticError, ValueError, LookupError) as error:
-        found = {"error": f"could not be computed ({type(error).__name__}: {error})"}
-    return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
+        answer = {"error": f"could not be computed ({type(error).__name__}: {error})"}
+    return json.dumps(plain(answer), allow_nan=False, separators=(",", ":"))
 
 
-def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
-    """JSON text as `called` returns it, in a process that keeps up to 500 MB of the records that it has read.
+def answer_keeping_records(name: str, root: str, arguments: dict[str, Any]) -> str:
+    """JSON text as `answer_json` returns it, in a process that keeps up to 500 MB of the records that it has read.
 
     The next call on the same record then needs no second reading. `name` is the function, `root` the folder that is
     open, and `arguments` are the function's, by name.
@@ -48,7 +48,7 @@ def called_again(name: str, root: str, arguments: dict[str, Any]) -> str:
     from structid.records.formats import keep_records
 
     keep_records(_KEPT_BYTES)
-    return called(name, root, arguments)
+    return answer_json(name, root, arguments)
 
 
 def _warm(_: OpenFolder) -> StoredEntry:
