@@ -41,10 +41,10 @@ Png = Annotated[bool, typer.Option("--png", help="Write the figures of the page 
 
 def results_folder(default: str) -> OptionInfo:
     """Declaration of the option ``--out``, whose help names the folder `default`; the path must not be a file."""
-    found: OptionInfo = typer.Option(
+    option: OptionInfo = typer.Option(
         "--out", metavar="FOLDER", help=f"Results folder [default: {default}].", callback=_no_file
     )
-    return found
+    return option
 
 
 def _no_file(folder: Path | None) -> Path | None:

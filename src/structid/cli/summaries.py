@@ -82,23 +82,26 @@ def _changes(view: ResultsView) -> list[RenderableType]:
 
 def _details(view: ResultsView) -> list[RenderableType]:
     """Texts and tables printed with ``--verbose``: warnings, statistics, causes, standard deviations and modes."""
-    found = view.identification
-    shown: list[RenderableType] = [Text(""), *map(Text, first_warnings(found.warnings, len(found.warnings)))]
+    identification = view.identification
+    shown: list[RenderableType] = [
+        Text(""),
+        *map(Text, first_warnings(identification.warnings, len(identification.warnings))),
+    ]
     shown += [Text(f"{label}: {text}") for label, text in view.statistics]
     shown += map(Text, view.notes)
     shown += [
         Text(words)
-        for varied in found.priors.varied
+        for varied in identification.priors.varied
         for words in (f"{varied.words}; each record's value in the results", *varied.outlying_words)
     ]
-    shown += [Text(ON_FORCE)] if found.mass.scale_from_force else []
+    shown += [Text(ON_FORCE)] if identification.mass.scale_from_force else []
     return [
         *shown,
-        *groups(found.estimate.identifiability),
+        *groups(identification.estimate.identifiability),
         *_causes(view),
         *_spreads(view),
-        *_mode_and_ratio_tables(found),
-        *_identified_modes(found),
+        *_mode_and_ratio_tables(identification),
+        *_identified_modes(identification),
     ]
 
 
@@ -229,9 +232,9 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     more = [Text(f"also: {one}", style="yellow") for one in result.warnings[_MOST_WARNINGS:]]
     if not result.covariance.has_matrix:
         return [*head, Text(_prediction(result)), *more]
-    found = result.identifiability
-    rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
-        f" {format_number(found.condition, 3)}; predicted at the"
+    identifiability = result.identifiability
+    rank = f"rank {identifiability.rank} of {len(result.names)} parameters from the data alone, condition" + (
+        f" {format_number(identifiability.condition, 3)}; predicted at the"
         f" initial values, for a model that is right and errors that are independent from {_apart(result)}:"
     )
     table = new_table("parameter", "unit", "initial", "predicted std", "relative")
@@ -244,7 +247,7 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
             format_number(std / abs(start) if start else math.nan, 2),
         )
     held = [Text(result.assumption)] if result.assumption else []
-    return [*head, Text(rank), table, *held, *groups(found), *more]
+    return [*head, Text(rank), table, *held, *groups(identifiability), *more]
 
 
 def _apart(result: CheckResult) -> str:
@@ -270,7 +273,7 @@ def _initial_modes(result: CheckResult) -> RenderableType:
 
 def _resonances(result: CheckResult) -> list[RenderableType]:
     """Tables of measured resonances beside those of the initial model, one for each record that has any."""
-    found: list[RenderableType] = []
+    tables: list[RenderableType] = []
     for one in result.beside:
         if not one.resonances:
             continue
@@ -284,8 +287,8 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
                 f"{pair.half_bandwidths:+.2g}" if math.isfinite(pair.half_bandwidths) else "",
                 format_number(pair.mac, 2) if math.isfinite(pair.mac) else "",
             )
-        found.append(table)
-    return found
+        tables.append(table)
+    return tables
 
 
 def _prediction(result: CheckResult) -> str:

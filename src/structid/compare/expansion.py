@@ -53,12 +53,12 @@ def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_
     right = np.zeros((n + count, count))
     right[n:] = size * np.eye(count)
     try:
-        found = np.asarray(splu(whole).solve(right)[:n])
+        solution = np.asarray(splu(whole).solve(right)[:n])
     except RuntimeError as error:
         raise SingularModelError(
             "the model can move without force while every sensor stands still; add supports or sensors"
         ) from error
-    return found
+    return solution
 
 
 def serep_basis(seen: FloatArray, mode_shapes: FloatArray) -> FloatArray:

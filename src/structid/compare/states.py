@@ -149,8 +149,8 @@ def compare(
     before = _source(Path(baseline), progress)
     if not chosen.unchanged:
         first, second = _on_one_mesh([before, _source(Path(later), progress)])
-        found = compare_states(first.estimate, second.estimate, (), **settings)
-        return ComparisonResult(found, first, second, "independent", _warnings(found, first, second))
+        comparison = compare_states(first.estimate, second.estimate, (), **settings)
+        return ComparisonResult(comparison, first, second, "independent", _warnings(comparison, first, second))
     if Path(later).is_dir():
         raise InputError(
             f"{later}: unchanged parameters need the later state as a study file, got a results folder; give its study"

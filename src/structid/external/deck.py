@@ -166,7 +166,7 @@ def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> di
     def written(line: str) -> str:
         return "".join(_LINE_MARK.sub(partial(number, value=f), line) for f in frequency)
 
-    found = {}
+    marked = {}
     for file, text in texts.items():
         lines = text.splitlines(keepends=True)
         lines = (
@@ -174,10 +174,10 @@ def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> di
             if _LINE_MARK.search(text)
             else lines
         )
-        found[file] = "".join(written(line) if _LINE_MARK.search(line) else line for line in lines)
-    if FREQUENCIES in found:
+        marked[file] = "".join(written(line) if _LINE_MARK.search(line) else line for line in lines)
+    if FREQUENCIES in marked:
         raise InputError(f"a file of the deck is called {FREQUENCIES}, as is the list of lines; give it another name")
-    return found | {FREQUENCIES: "".join(f"{number_text(f)}\n" for f in frequency)}
+    return marked | {FREQUENCIES: "".join(f"{number_text(f)}\n" for f in frequency)}
 
 
 def number_text(value: float, width: int = WIDTH) -> str:

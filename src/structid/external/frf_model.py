@@ -243,11 +243,11 @@ class SolvedFrfs(SolvedModel):
             If the run fails.
         """
         [folder], _ = needed_runs(self.solver, [values], work)
-        found = self.model.table
+        table = self.model.table
         return replace(
-            found,
+            table,
             centre=self.out.read(folder),
-            runs=np.zeros((0, 2, *found.centre.shape)),
+            runs=np.zeros((0, 2, *table.centre.shape)),
             changes=np.zeros((0, 2)),
             at={},
         )

@@ -165,8 +165,8 @@ def runs(
             ) from error
         told = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
         failed = {key: RunFailedError(words) for key, words in zip(missing, told, strict=True) if words}
-    found: list[Path | RunFailedError] = [failed.get(key) or solver.folder / key for key in keys]
-    return found, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
+    folders: list[Path | RunFailedError] = [failed.get(key) or solver.folder / key for key in keys]
+    return folders, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
 
 
 def needed_runs(

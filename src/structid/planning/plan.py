@@ -229,8 +229,8 @@ def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...],
     for load in np.argsort(-gains(by_load, known, *criterion), kind="stable")[:_MOST_STARTS].tolist():
         others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *criterion)
         starts.append((load, *[i for i in others if i != load][: count - 1]))
-    found = {_exchange_until_stable(selection, start) for start in dict.fromkeys(starts)}
-    return max(sorted(found), key=lambda pair: merit(np.vstack([known, selection.rows(*pair)]), *criterion))
+    stable = {_exchange_until_stable(selection, start) for start in dict.fromkeys(starts)}
+    return max(sorted(stable), key=lambda pair: merit(np.vstack([known, selection.rows(*pair)]), *criterion))
 
 
 def _exchange_until_stable(
@@ -263,13 +263,13 @@ def _kammer_sensors(selection: _TestSelection, count: int) -> tuple[int, ...]:
         selection.candidates.frequency,
     )
     values, sought = unknown.values(unknown.start), max(_FIRST_MODES, count)
-    found = structure_modes(structure, values, min(sought, structure.n_dofs))
-    while sought < structure.n_dofs and len(found.frequency) == sought and found.frequency[-1] <= frequency[-1]:
+    modes = structure_modes(structure, values, min(sought, structure.n_dofs))
+    while sought < structure.n_dofs and len(modes.frequency) == sought and modes.frequency[-1] <= frequency[-1]:
         sought *= 2
-        found = structure_modes(structure, values, min(sought, structure.n_dofs))
-    inside = np.flatnonzero((found.frequency >= frequency[0]) & (found.frequency <= frequency[-1]))
-    used = (inside if len(inside) else np.arange(len(found.frequency)))[:count]
-    shapes = structure.selection(selection.candidates.sensors).T @ found.mode_shapes[:, used]
+        modes = structure_modes(structure, values, min(sought, structure.n_dofs))
+    inside = np.flatnonzero((modes.frequency >= frequency[0]) & (modes.frequency <= frequency[-1]))
+    used = (inside if len(inside) else np.arange(len(modes.frequency)))[:count]
+    shapes = structure.selection(selection.candidates.sensors).T @ modes.mode_shapes[:, used]
     return effective_independence(np.asarray(shapes), count)
 
 

@@ -85,14 +85,14 @@ def orthogonality_facts(correlation: ModesCorrelation) -> tuple[tuple[str, str],
     off, paired = np.nan_to_num(own - np.eye(len(own))), np.intersect1d(correlation.pairing.paired, whole)
     pairs = [cross[i, correlation.pairing.number[i]] for i in paired]
     left = f"; of the {plural(len(whole), 'shape')} known at every sensor" if len(whole) < len(own) else ""
-    found = [("Reduction of the mass", name + left)]
+    facts = [("Reduction of the mass", name + left)]
     if len(whole) > 1:
         i, j = sorted(int(k) for k in np.unravel_index(np.argmax(off), off.shape))
-        found.append(("Self-orthogonality", f"largest off-diagonal {off.max():.3f}, modes {i + 1} and {j + 1}"))
+        facts.append(("Self-orthogonality", f"largest off-diagonal {off.max():.3f}, modes {i + 1} and {j + 1}"))
     if pairs:
         worst = int(paired[int(np.argmin(pairs))])
-        found.append(("Cross-orthogonality", f"least of a pair {min(pairs):.3f}, measured mode {worst + 1}"))
-    return tuple(found)
+        facts.append(("Cross-orthogonality", f"least of a pair {min(pairs):.3f}, measured mode {worst + 1}"))
+    return tuple(facts)
 
 
 def expansion_table(correlation: ModesCorrelation) -> Table | None:

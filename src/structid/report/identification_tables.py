@@ -443,16 +443,16 @@ def _pull(fit: ModalFit) -> str:
     """
     from structid.forward.modal.problem import influence_by_kind  # for records of modes alone
 
-    found = influence_by_kind(fit.problem, fit.theta)
-    if not found:
+    influence = influence_by_kind(fit.problem, fit.theta)
+    if not influence:
         return "not told: these modes alone do not determine every parameter"
     n_params = fit.problem.unknowns.n_params
     parts = [
         f"{kind} ({plural(rows, 'value')}) determine {number(own, 2)} of {plural(n_params, 'parameter')} and make"
         f" {percent(misfit, 2, signed=False)} of the misfit"
-        for kind, (rows, own, misfit) in found.items()
+        for kind, (rows, own, misfit) in influence.items()
     ]
-    rest = n_params - sum(own for _, own, _ in found.values())
+    rest = n_params - sum(own for _, own, _ in influence.values())
     return "; ".join([*parts, *([f"priors determine {number(rest, 2)}"] if rest > 0.005 * n_params else [])])
 
 

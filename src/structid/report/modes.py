@@ -202,23 +202,23 @@ def _spread_words(std: float) -> str:
 def remarks(result: ModesResult) -> list[list[str]]:
     """Remarks on doubtful modes as sentences: one list for each mode, empty if there is nothing to remark."""
     modes, n = result.modes, result.modes.n_modes
-    found: list[list[str]] = [[] for _ in range(n)]
+    remarks: list[list[str]] = [[] for _ in range(n)]
     alike = mac(modes.mode_shapes)
     collinearity, decaying = mpc(result), dies_out(result.identification)
     for k in range(n):
         ratio, std = modes.damping_ratio[k], result.std[n + k]
         if ratio <= 0:
-            found[k].append("damping is not positive: noise, a tone, or motion that grows")
+            remarks[k].append("damping is not positive: noise, a tone, or motion that grows")
         elif std > ratio / 2:
-            found[k].append("damping is not significantly different from 0")
+            remarks[k].append("damping is not significantly different from 0")
         if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord) and not decaying[k]:
-            found[k].append(_tone_words(float(result.kurtosis[k])))
+            remarks[k].append(_tone_words(float(result.kurtosis[k])))
         if len(modes.channels) > 1 and collinearity[k] < _COMPLEX:
-            found[k].append("complex shape: damping, noise, or two modes in one")
+            remarks[k].append("complex shape: damping, noise, or two modes in one")
         same = [str(j + 1) for j in range(n) if j != k and alike[k, j] > _ALIKE]
         if same and len(modes.channels) > 1:
-            found[k].append(f"at the sensors the shape is that of mode {', '.join(same)}")
-    return found
+            remarks[k].append(f"at the sensors the shape is that of mode {', '.join(same)}")
+    return remarks
 
 
 def _tone_words(kurtosis: float) -> str:

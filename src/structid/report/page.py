@@ -103,13 +103,13 @@ def _library(file: str) -> str:
 @cache
 def _environment() -> Environment:
     """Jinja environment of the report templates, with the filters ``code`` and ``unindented`` and the functions for legends."""
-    found = Environment(
+    environment = Environment(
         loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    found.globals |= {"legend": legend, "clean": clean}
-    found.filters |= {"code": with_code, "unindented": unindented}
-    return found
+    environment.globals |= {"legend": legend, "clean": clean}
+    environment.filters |= {"code": with_code, "unindented": unindented}
+    return environment
 
 
 def unindented(script: str) -> Markup:

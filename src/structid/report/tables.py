@@ -36,12 +36,12 @@ class Table:
 
 def printed(table: Table) -> rich.table.Table:
     """Rich table for the terminal with the header and rows of `table`."""
-    found = rich.table.Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    drawn = rich.table.Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for column in table.header:
-        found.add_column(column, overflow="fold")
+        drawn.add_column(column, overflow="fold")
     for row in table.rows:
-        found.add_row(*row)
-    return found
+        drawn.add_row(*row)
+    return drawn
 
 
 def provenance_table(provenance: Mapping[str, object] | None) -> Table:

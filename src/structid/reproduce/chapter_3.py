@@ -230,8 +230,8 @@ def table_3_4() -> ReproducedItem:
 def natural_frequencies(values: FloatArray) -> FloatArray:
     """Ten lowest natural frequencies of the beam with parameters `values` (30,), in rad/s; rigid-body modes at 0."""
     structure = beam(values)
-    found = 2 * np.pi * modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=10).frequency
-    return np.where(found < 1e-5, 0.0, found)
+    frequency = 2 * np.pi * modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=10).frequency
+    return np.where(frequency < 1e-5, 0.0, frequency)
 
 
 def figure_3_1() -> ReproducedItem:

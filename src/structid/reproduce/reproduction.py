@@ -49,11 +49,11 @@ def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = No
             raise InputError(f"`chapter` must be one of {known}, got {chapter}")
     if not wanted:
         raise InputError(f"`chapters` must name at least one of {known}, got none")
-    found: list[ReproducedItem] = []
+    items: list[ReproducedItem] = []
     with threadpool_limits(1, user_api="blas"):
         for i, module in enumerate(map(_module, wanted)):
-            found += module.items(_chapter_progress(progress, i, len(wanted)))
-    return tuple(found)
+            items += module.items(_chapter_progress(progress, i, len(wanted)))
+    return tuple(items)
 
 
 def _module(chapter: int) -> ModuleType:

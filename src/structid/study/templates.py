@@ -74,8 +74,8 @@ class TemplateQuestion:
 
 def asked_of(template: type[Template]) -> tuple[TemplateQuestion, ...]:
     """Questions that `template` asks, one for each of its fields that has a text, in order."""
-    found = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
-    return tuple(TemplateQuestion(one.name, **one.metadata) for one in found)
+    asked = (one for one in fields(template) if "words" in one.metadata)  # type: ignore[arg-type]
+    return tuple(TemplateQuestion(one.name, **one.metadata) for one in asked)
 
 
 def template_with(template: type[Template], answers: Mapping[str, object]) -> Template:

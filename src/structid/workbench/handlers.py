@@ -157,10 +157,10 @@ def _static(name: str, folder: str = "") -> Response:
 async def _folder(bench: Workbench, _: Request) -> Response:
     """Answer with the listing of the open folder, recent folders, reading options and runs."""
     _later(bench.workers.warm())
-    found = await asyncio.to_thread(bench.opened.listing)
+    listing = await asyncio.to_thread(bench.opened.listing)
     recent = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
     told = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
-    return Json({**found, **told})
+    return Json({**listing, **told})
 
 
 async def _open(bench: Workbench, request: Request) -> Response:
@@ -300,10 +300,10 @@ def _modes_folder(name: str, *keys: str) -> Handler:
         body = await request.json()
         if bench.opened.inside(body["out"]).exists() and not body.get("replace"):
             raise ChangedError(f"{body['out']}: is there already; give another folder, or replace what is in it")
-        found = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
+        answer = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
         page = f"{body['out']}/report.html"
         shown = bench.shown(page) if bench.opened.inside(page).is_file() else ""
-        return Json({**found, "page": shown}, 422 if "error" in found else 200)
+        return Json({**answer, "page": shown}, 422 if "error" in answer else 200)
 
     return asked
 
@@ -596,12 +596,12 @@ def reading_keys() -> list[dict[str, Any]]:
 
     ``within`` is "csv" for keys of ``[record.csv]``, else ""; ``is_list`` and ``is_number`` tell the type.
     """
-    found = []
+    options = []
     for name, key in table_of(ReadOptions).keys.items():
         inner = key.holds.keys if isinstance(key.holds, Table) else {name: key}
         for own, one in inner.items():
             schema = one.holds.schema
-            found.append(
+            options.append(
                 {
                     "name": own,
                     "within": name if own != name else "",
@@ -612,7 +612,7 @@ def reading_keys() -> list[dict[str, Any]]:
                     "is_number": schema.get("type") in ("number", "integer"),
                 }
             )
-    return found
+    return options
 
 
 def _as_json_value(value: Any) -> Any:

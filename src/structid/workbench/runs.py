@@ -218,10 +218,10 @@ class Runs:
 
     def __getitem__(self, name: str) -> Run:
         """Run with the identifier `name` among the 60 newest; raises `InputError` if there is none."""
-        found = next((run for run in self if run.id == name), None)
-        if found is None:
+        wanted = next((run for run in self if run.id == name), None)
+        if wanted is None:
             raise InputError(f"there is no run {name!r} any more")
-        return found
+        return wanted
 
     def summaries(self) -> list[dict[str, Any]]:
         """Summaries of the 60 newest runs, newest first; only the newest run of a results folder can be resumed."""

@@ -50,18 +50,18 @@ def compare(
 
     check_png(report, png)
     with run_progress(100) as progress:
-        found = compare_states(baseline, later, options, progress.search)
+        comparison = compare_states(baseline, later, options, progress.search)
     folder = out if out is not None else beside_call(f"{later.stem if later.is_file() else later.name}_comparison")
     name = "compare.json"
     with staged_folder(folder, COMPARE_PAGE) as staged:
-        (staged / name).write_text(json_text(comparison_summary(found)), encoding="utf-8")
+        (staged / name).write_text(json_text(comparison_summary(comparison)), encoding="utf-8")
         if report:
-            name = comparison_page(found).write(staged, png).name
-    show(comparison_text(found))
+            name = comparison_page(comparison).write(staged, png).name
+    show(comparison_text(comparison))
     say(folder / name)
-    if found.baseline.is_wrong or found.later.is_wrong:
+    if comparison.baseline.is_wrong or comparison.later.is_wrong:
         fail("the model of a state does not explain its record: what is declared changed is no finding", WRONG_MODEL)
-    if found.is_contradicted:
+    if comparison.is_contradicted:
         fail("what was named as unchanged changed: no declared change is to be used", WRONG_MODEL)
-    if not found.comparison.is_complete:
+    if not comparison.comparison.is_complete:
         fail("the data do not determine every change; see the warnings", NOT_DETERMINED)

@@ -43,17 +43,17 @@ def correlate(
     from structid.study.schema.study import load_study
 
     check_png(report, png)
-    found = correlated(load_study(study), options, at)
+    correlation = correlated(load_study(study), options, at)
     folder, name = out if out is not None else beside_call(f"{study.stem}_correlation"), "correlation.json"
     with staged_folder(folder, CORRELATION_PAGE) as staged:
-        (staged / name).write_text(json_text(correlation_summary(found)), encoding="utf-8")
-        for count, part in enumerate(found.modes, 1):
+        (staged / name).write_text(json_text(correlation_summary(correlation)), encoding="utf-8")
+        for count, part in enumerate(correlation.modes, 1):
             expanded = expanded_record(part)
             if expanded is not None:
                 write_modes(staged / f"expanded_modes{f'_{count}' if count > 1 else ''}.csv", expanded)
         if report:
-            name = correlation_page(found).write(staged, png).name
-    show(correlation_text(found))
+            name = correlation_page(correlation).write(staged, png).name
+    show(correlation_text(correlation))
     say(folder / name)
-    if not found.is_paired:
+    if not correlation.is_paired:
         fail("no measured mode matches one of the model; check sensors, supports and units", NOT_DETERMINED)

@@ -53,8 +53,8 @@ def doctor(study: StudyPath = None, workers: Workers = 1) -> None:
     from structid.study.run.resources import available_bytes, expected, gigabytes  # the help needs none of these
     from structid.study.schema.study import load_study
 
-    found = installation()
-    for line in installed_lines(found):
+    packages = installation()
+    for line in installed_lines(packages):
         typer.echo(line)
     if study is None:
         return

@@ -62,13 +62,13 @@ def _parse_settings(pairs: list[str]) -> dict[str, str]:
 
     Raises `InputError` if a text has no "=".
     """
-    found = {}
+    values = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not equals:
             raise InputError(f"--set takes NAME=VALUE, as in --set length=2.5, got {pair!r}")
-        found[name.strip().replace("-", "_")] = value
-    return found
+        values[name.strip().replace("-", "_")] = value
+    return values
 
 
 def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:

@@ -76,17 +76,17 @@ def modes(
         _merge(records, options, read, geometry, out)
         return
     if len(records) > 1:
-        found = modes_of_setups(records, options, read, geometry)
+        result = modes_of_setups(records, options, read, geometry)
     else:
-        found = modes_of_file(records[0], options, read, geometry)
+        result = modes_of_file(records[0], options, read, geometry)
     folder, name = out if out is not None else beside_call(f"{records[0].stem}_modes"), "modes.json"
     with staged_folder(folder, MODES_PAGE) as staged:
-        write_modes_results(found, staged)
+        write_modes_results(result, staged)
         if report:
-            name = modes_page(found).write(staged, png).name
-    show(modes_text(found))
+            name = modes_page(result).write(staged, png).name
+    show(modes_text(result))
     say(folder / name)
-    if not found.is_determined:
+    if not result.is_determined:
         fail("the data do not determine the uncertainty of every mode; see the warnings", NOT_DETERMINED)
 
 

@@ -59,19 +59,19 @@ def motion(
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
     try:
         with claim_path(checkpoint) if checkpoint is not None else nullcontext():
-            found = motion_of_study(study, options, _told)
+            result = motion_of_study(study, options, _told)
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
         fail(f"interrupted; no results were written{kept}", INTERRUPTED)
     folder = out if out is not None else beside_call(f"{study.stem}_motion")
     with staged_folder(folder) as staged:
-        write_motion(found, staged)
+        write_motion(result, staged)
     typer.echo("", err=True)
-    for line in motion_lines(found):
+    for line in motion_lines(result):
         typer.echo(line)
     say(folder / MOTION_SUMMARY)
     say(folder / MOTION_TABLE)
-    if not found.is_determined:
+    if not result.is_determined:
         fail("the motion does not determine every parameter; see the message above", NOT_DETERMINED)
 
 

@@ -59,13 +59,13 @@ def plan(
 
     check_png(report, png)
     read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
-    found = planned(read)
+    chosen = planned(read)
     folder, name = out if out is not None else beside_call(f"{study.stem}_plan"), "plan.json"
     with staged_folder(folder, PLAN_PAGE) as staged:
-        write_plan(found, read, staged)
+        write_plan(chosen, read, staged)
         if report:
-            name = plan_page(found, read.title, read.notes).write(staged, png).name
-    show(plan_text(found, read.title, read.notes))
+            name = plan_page(chosen, read.title, read.notes).write(staged, png).name
+    show(plan_text(chosen, read.title, read.notes))
     say(folder / name)
-    if not found.determined:
-        fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)
+    if not chosen.determined:
+        fail(f"even all candidates together do not determine {', '.join(chosen.undetermined[:6])}", NOT_DETERMINED)

@@ -64,16 +64,20 @@ def predict(
 
     check_png(report, png)
     changes = _changes(mass or (), scale or (), damper or (), support or (), remove or ())
-    found = predict_study(results, options, changes, study)
+    prediction = predict_study(results, options, changes, study)
     folder, name = out if out is not None else beside_call(f"{results.name}_prediction"), "prediction.json"
     with staged_folder(folder, PREDICTION_PAGE) as staged:
-        (staged / name).write_text(json_text(prediction_summary(found)), encoding="utf-8")
-        for quantity, part in (("frf", found.frf), ("history", found.history), ("spectrum", found.spectrum)):
+        (staged / name).write_text(json_text(prediction_summary(prediction)), encoding="utf-8")
+        for quantity, part in (
+            ("frf", prediction.frf),
+            ("history", prediction.history),
+            ("spectrum", prediction.spectrum),
+        ):
             if part is not None:
                 (staged / f"{quantity}.csv").write_text(prediction_csv(part), encoding="utf-8")
         if report:
-            name = prediction_page(found).write(staged, png).name
-    show(prediction_text(found))
+            name = prediction_page(prediction).write(staged, png).name
+    show(prediction_text(prediction))
     say(folder / name)
 
 

@@ -163,13 +163,13 @@ def shadings(identification: Identification) -> tuple[Shading, ...]:
 
 def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
     """Shadings of relative parameter changes, one for each kind of property in `KINDS` that has parameters."""
-    found = []
+    shadings = []
     for name, kinds in KINDS.items():
         changes = _changes(answer, kinds)
         if changes:
             limit = round_limit(c.ratio for c in changes.values() if c.identified and c.is_significant)
-            found.append(shading(f"Change of {name} parameters", changes, limit))
-    return tuple(found)
+            shadings.append(shading(f"Change of {name} parameters", changes, limit))
+    return tuple(shadings)
 
 
 def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:

@@ -109,13 +109,13 @@ def structure_picture(
 
 def _text_traces(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
     """Text traces of the triples `words` (text, position, colour) with the font size `size`, one trace for each colour."""
-    found = []
+    traces = []
     for colour in dict.fromkeys(colour for *_, colour in words):
         texts, places = zip(*((text, at) for text, at, own in words if own == colour), strict=True)
-        found.append(
+        traces.append(
             plot.Texts(np.array([at[0] for at in places]), np.array([at[1] for at in places]), texts, colour, size)
         )
-    return found
+    return traces
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
@@ -356,7 +356,7 @@ def _links(frame: _Frame) -> list[FloatArray]:
 
     They start at the main node of a link, and at the dependent node of a constraint.
     """
-    found = []
+    segments = []
     for tie in frame.structure.ties:
         if isinstance(tie, RigidLink):
             pairs = [(tie.main, node) for node in tie.dependents]
@@ -364,8 +364,8 @@ def _links(frame: _Frame) -> list[FloatArray]:
             pairs = [(tie.dependent.node, dof.node) for dof, _ in tie.depends_on]
         else:
             continue
-        found += [np.array([frame.points[a], frame.points[b]]) for a, b in pairs if a != b]
-    return found
+        segments += [np.array([frame.points[a], frame.points[b]]) for a, b in pairs if a != b]
+    return segments
 
 
 def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[Label]:
@@ -380,7 +380,7 @@ def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], bu
     """
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])
-    found = [
+    labels = [
         Label(str(node), point + below, aside, palette.MUTED)
         for node, point in frame.points.items()
         if node in few or node in busy
@@ -388,8 +388,8 @@ def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], bu
     for mark in labelled_marks(marks):
         away = symbols.unit(np.array([1.0, 0.6]) if mark.filled else np.array([0.4, 1.0]))
         anchor = mark.centre + (frame.radius if mark.filled else frame.height) * away
-        found.append(Label(mark.element, anchor, away, palette.INK))
-    return found
+        labels.append(Label(mark.element, anchor, away, palette.INK))
+    return labels
 
 
 def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str, FloatArray], ...]:
@@ -489,10 +489,10 @@ def _candidates(label: Label, half: FloatArray, gap: float) -> list[FloatArray]:
 
     `half` (2,) is half the width and height of the text, `gap` the smallest distance from the anchor.
     """
-    found = []
+    centres = []
     for distance in (1.0, 2.5, 4.5):
         for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75):
             c, s = np.cos(np.pi * turn), np.sin(np.pi * turn)
             way = np.array([c * label.away[0] - s * label.away[1], s * label.away[0] + c * label.away[1]])
-            found.append(label.anchor + distance * gap * way + half * way / max(float(np.abs(way).max()), 1e-12))
-    return found
+            centres.append(label.anchor + distance * gap * way + half * way / max(float(np.abs(way).max()), 1e-12))
+    return centres

@@ -50,7 +50,7 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
         if element.symbol in ("flat", "shell"):
             rows = (row[row >= 0] for row in element.nodes)
             faces += [(element, index, row[: AREA_CORNERS[len(row)]]) for index, row in enumerate(rows)]
-    found: list[tuple[float, Mark]] = []
+    marks: list[tuple[float, Mark]] = []
     for element, index, nodes in faces:
         outline = np.array([points[int(n)] for n in nodes])
         if not _is_counter_clockwise(outline):  # else overlapping ones would cut holes into each other
@@ -61,8 +61,8 @@ def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[M
         labels = tuple(int(n) for n in nodes)
         depth = float(np.mean([structure.nodes[n] @ eye for n in labels]))
         path = centre + share * (outline - centre)
-        found.append((depth, Mark(element.name, index, name, path, True, centre, labels, outline)))
-    return [mark for _, mark in sorted(found, key=lambda pair: pair[0])]
+        marks.append((depth, Mark(element.name, index, name, path, True, centre, labels, outline)))
+    return [mark for _, mark in sorted(marks, key=lambda pair: pair[0])]
 
 
 def cell_edges(element: ElementSet) -> list[tuple[int, int]]:
@@ -95,15 +95,15 @@ def _seen_faces(structure: Structure, eye: FloatArray) -> list[tuple[ElementSet,
     owners = [(e, index) for e in structure.elements if e.symbol == "solid" for index in range(len(e.nodes))]
     rows = [np.asarray(e.nodes[index]) for e, index in owners]
     rows = [row[row >= 0] for row in rows]
-    found: list[tuple[ElementSet, int, IntArray]] = []
+    facing: list[tuple[ElementSet, int, IntArray]] = []
     for number, nodes in _outer_faces(rows):
         corners = np.array([structure.nodes[int(n)] for n in nodes])
         middle = np.mean([structure.nodes[int(n)] for n in rows[number]], axis=0)
         normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
         outward = normal * np.sign(normal @ (corners.mean(axis=0) - middle))
         if outward @ eye > 0:
-            found.append((*owners[number], nodes))
-    return found
+            facing.append((*owners[number], nodes))
+    return facing
 
 
 def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:

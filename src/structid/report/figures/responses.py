@@ -172,9 +172,9 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
     """Figure of the relative error (%) of every channel: median and 90 % quantile when fitted, median of the initial model."""
-    found = channels(fit)
-    labels, positions = [c.label for c in found], np.arange(len(found), dtype=float)
-    rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in found])
+    errors = channels(fit)
+    labels, positions = [c.label for c in errors], np.arange(len(errors), dtype=float)
+    rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in errors])
     median, high, before = 100 * rows.T
     smallest = min((e for e in (*median, *before) if e > 0), default=1.0)
     floor = float(10.0 ** np.floor(np.log10(max(smallest, 1e-13))))
@@ -187,7 +187,9 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
     square = plot.Marker("square", 8.0, "white", plot.Pen(palette.INITIAL, 2.0))
     dot = plot.Marker("circle", 9.0, palette.FITTED, plot.Pen("white", 1.0))
     panel = plot.panel(
-        plot.Axis("channel (sensor/load)", limits=(-0.7, len(found) - 0.3), ticks=plot.named_ticks(labels), grid=False),
+        plot.Axis(
+            "channel (sensor/load)", limits=(-0.7, len(errors) - 0.3), ticks=plot.named_ticks(labels), grid=False
+        ),
         plot.Axis("relative FRF error", "%", (floor, top), log=True, ticks=plot.decade_ticks(floor, top)),
         plot.segments(
             (positions, positions), (median, high), plot.Pen(palette.INK, 1.6), "fitted, up to the 90 % quantile"
@@ -198,7 +200,7 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
     caption = (
         "Relative error of the FRFs by channel: medians over the lines, and the 90 % quantile of the fitted model."
     )
-    return plot.Figure((panel,), (max(700.0, min(1400.0, 250.0 + 32 * len(found))), 380.0), caption=caption)
+    return plot.Figure((panel,), (max(700.0, min(1400.0, 250.0 + 32 * len(errors))), 380.0), caption=caption)
 
 
 def residual_map_figure(fit: RecordFit) -> plot.Figure:
@@ -230,9 +232,9 @@ def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
     """
     frequency, used = fit.measured.frequency, fit.problem.record.frequency
     residual = fit.problem.residual(fit.theta)[: fit.problem.n_data].reshape(2, len(used), -1)
-    found = np.full((len(frequency), residual.shape[2]), np.nan)
-    found[np.searchsorted(frequency, used)] = np.sqrt((residual**2).mean(axis=0))
-    return frequency, found
+    size = np.full((len(frequency), residual.shape[2]), np.nan)
+    size[np.searchsorted(frequency, used)] = np.sqrt((residual**2).mean(axis=0))
+    return frequency, size
 
 
 def line_edges(frequency: FloatArray) -> FloatArray:

@@ -177,19 +177,19 @@ def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
 
     `is_row` is True for sensors in a row, where each direction has its symbol.
     """
-    found = []
+    traces = []
     for number, (name, path) in enumerate(scene.measured.items()):
         symbol = _SYMBOLS[number % len(_SYMBOLS)] if is_row else "circle"
         dash = _DASHES[number % len(_DASHES)] if is_row else "solid"
         label = "at rest" if is_row else f"at rest, {name}"
-        found.append(_curve(scene, path, plot.Pen(palette.RIGID, 1.6), plot.Marker(symbol, 4.0, palette.RIGID), label))
+        traces.append(_curve(scene, path, plot.Pen(palette.RIGID, 1.6), plot.Marker(symbol, 4.0, palette.RIGID), label))
         pen, marker = plot.Pen(palette.VERMILLION, 2.5, dash), plot.Marker(symbol, 6.0, palette.VERMILLION)
-        found.append(_curve(scene, path, pen, marker, name if is_row else "deflected", mode))
+        traces.append(_curve(scene, path, pen, marker, name if is_row else "deflected", mode))
     if not is_row and (orbits := _orbits(scene, mode)) is not None:
-        found.append(orbits)
+        traces.append(orbits)
     grey = plot.Pen(palette.FAINT, 1.6), plot.Marker(size=4.0, colour=palette.FAINT)
-    found += [_curve(scene, path, *grey, f"at rest, {name}") for name, path in scene.still.items()]
-    return sorted(found, key=lambda curve: curve.sway is not None)
+    traces += [_curve(scene, path, *grey, f"at rest, {name}") for name, path in scene.still.items()]
+    return sorted(traces, key=lambda curve: curve.sway is not None)
 
 
 def _orbits(scene: Scene, mode: int) -> plot.Curve | None:

@@ -163,8 +163,8 @@ def _lines(structure: Structure, row_of: dict[int, int]) -> IntArray:
     """
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
-        found = cell_edges(element) if is_cells(element) else _spans(element.nodes)
-        edges.update(dict.fromkeys((min(edge), max(edge)) for edge in found))
+        pairs = cell_edges(element) if is_cells(element) else _spans(element.nodes)
+        edges.update(dict.fromkeys((min(edge), max(edge)) for edge in pairs))
     for tie in structure.ties:
         if isinstance(tie, RigidLink):
             edges.update(dict.fromkeys((tie.main, node) for node in tie.dependents))

@@ -99,13 +99,13 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
 
 def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
     """Boundary of the outlined faces as a path (n, 2) with NaN between lines: sides that belong to one outlined face only."""
-    found: dict[tuple[int, int], list[FloatArray]] = {}
+    lines_of_side: dict[tuple[int, int], list[FloatArray]] = {}
     for mark in marks:
         if (mark.element, mark.index) in shade.outlined:
             for k, node in enumerate(mark.nodes):
                 other = mark.nodes[k - 1]
-                found.setdefault((min(node, other), max(node, other)), []).append(mark.outline[[k - 1, k]])
-    return symbols.joined(sides[0] for sides in found.values() if len(sides) == 1)
+                lines_of_side.setdefault((min(node, other), max(node, other)), []).append(mark.outline[[k - 1, k]])
+    return symbols.joined(sides[0] for sides in lines_of_side.values() if len(sides) == 1)
 
 
 def _words(marks: Sequence[Mark], shade: Shading | None) -> tuple[str, ...]:

@@ -145,15 +145,19 @@ def clean(text: str) -> str:
 
 def _axis(axis: Axis, is_bare: bool) -> Described:
     """Plotly description of an axis with its title, scale, limits and ticks; hidden if `is_bare`."""
-    found: Described = {"title": {"text": clean(axis.title)}, "visible": not is_bare, "showgrid": axis.grid}
+    described: Described = {"title": {"text": clean(axis.title)}, "visible": not is_bare, "showgrid": axis.grid}
     ends = axis.limits
     if axis.log:
         decades = np.log10(max(ends) / min(ends)) if ends else 1.0
-        found |= {"type": "log", "exponentformat": "power", "dtick": "D2" if decades < 1.5 else 1 + int(decades / 9)}
+        described |= {
+            "type": "log",
+            "exponentformat": "power",
+            "dtick": "D2" if decades < 1.5 else 1 + int(decades / 9),
+        }
         ends = None if ends is None else (float(np.log10(ends[0])), float(np.log10(ends[1])))
     if ends is not None:
-        found["range"] = [round(end, 9) for end in ends]
-    return found | _ticks(axis.ticks)
+        described["range"] = [round(end, 9) for end in ends]
+    return described | _ticks(axis.ticks)
 
 
 def _ticks(ticks: Ticks) -> Described:
@@ -212,17 +216,17 @@ class _Traces:
 
     def curve(self, trace: Curve) -> None:
         """Add a curve as a Plotly scatter trace, in the plane or in space, with the motion of a swaying curve."""
-        found: Described = {"mode": "+".join(["lines"] * bool(trace.pen) + ["markers"] * bool(trace.marker))}
-        found |= {"line": _pen(trace.pen)} if trace.pen else {}
-        found |= {"marker": _marker(trace.marker)} if trace.marker else {}
-        found |= {"yaxis": self.right} if trace.right else {}
-        found |= {"type": "scatter3d", "yaxis": None} if trace.z is not None else {}
+        described: Described = {"mode": "+".join(["lines"] * bool(trace.pen) + ["markers"] * bool(trace.marker))}
+        described |= {"line": _pen(trace.pen)} if trace.pen else {}
+        described |= {"marker": _marker(trace.marker)} if trace.marker else {}
+        described |= {"yaxis": self.right} if trace.right else {}
+        described |= {"type": "scatter3d", "yaxis": None} if trace.z is not None else {}
         if trace.hover is None:
-            found["hoverinfo"] = "skip"
+            described["hoverinfo"] = "skip"
         elif trace.hover == NUMBERS:
-            found["hovertemplate"] = "%{x}, %{y}"
+            described["hovertemplate"] = "%{x}, %{y}"
         else:
-            found |= {"text": [clean(text) for text in trace.hover], "hovertemplate": "%{text}<extra></extra>"}
+            described |= {"text": [clean(text) for text in trace.hover], "hovertemplate": "%{text}<extra></extra>"}
         indices: dict[str, int | list[int]] = {
             key: self.arrays.place(v) for key, v in zip("xyz", trace.at(), strict=False)
         }
@@ -230,22 +234,22 @@ class _Traces:
             indices["real"], indices["imaginary"] = (
                 [self.arrays.place(column) for column in part.T] for part in (trace.sway.real, trace.sway.imag)
             )
-        self._add(found, trace.label, **indices)
+        self._add(described, trace.label, **indices)
 
     def area(self, trace: Area) -> None:
         """Add an area as a filled Plotly outline, hatched if the area says so."""
-        found: Described = {"mode": "lines", "fill": "toself", "fillcolor": trace.colour, "hoverinfo": "skip"}
-        found |= {"line": _pen(trace.edge or Pen(trace.colour, 0.0)), "opacity": trace.opacity}
+        described: Described = {"mode": "lines", "fill": "toself", "fillcolor": trace.colour, "hoverinfo": "skip"}
+        described |= {"line": _pen(trace.edge or Pen(trace.colour, 0.0)), "opacity": trace.opacity}
         pattern = {"shape": "/", "fgcolor": palette.INK, "bgcolor": trace.colour, "size": 6, "solidity": 0.25}
-        found |= {"fillpattern": pattern} if trace.hatched else {}
-        self._add(found, trace.label, x=self.arrays.place(trace.x), y=self.arrays.place(trace.y))
+        described |= {"fillpattern": pattern} if trace.hatched else {}
+        self._add(described, trace.label, x=self.arrays.place(trace.x), y=self.arrays.place(trace.y))
 
     def heat_map(self, trace: HeatMap) -> None:
         """Add a heat map in the colours of the panel's scale; on a logarithmic scale the logarithms (base 10) are stored."""
         is_log = self.panel.scale is not None and self.panel.scale.log
         shown = np.log10(trace.values) if is_log else trace.values
         place = "%{text}: " if trace.columns else "%{x}, %{text}: "
-        found: Described = {
+        described: Described = {
             "type": "heatmap",
             "coloraxis": "coloraxis",
             "hoverongaps": False,
@@ -253,17 +257,17 @@ class _Traces:
             "rows": [clean(name) for name in trace.rows],
             "columns": [clean(name) for name in trace.columns],
         }
-        found |= {"texttemplate": "%{z:.2f}"} if trace.written else {}
-        found |= {"xgap": 1, "ygap": 1} if trace.columns else {}
+        described |= {"texttemplate": "%{z:.2f}"} if trace.written else {}
+        described |= {"xgap": 1, "ygap": 1} if trace.columns else {}
         rows = [self.arrays.place(row) for row in shown]
-        self._add(found, "", x=self.arrays.place(trace.x), y=self.arrays.place(trace.y), z=rows)
+        self._add(described, "", x=self.arrays.place(trace.x), y=self.arrays.place(trace.y), z=rows)
 
     def texts(self, trace: Texts) -> None:
         """Add texts, each at an invisible marker at its position."""
-        found: Described = {"mode": "markers+text", "text": [clean(word) for word in trace.words]}
-        found |= {"textposition": trace.side, "textfont": {"size": trace.size, "color": trace.colour}}
-        found |= {"marker": {"size": 8, "opacity": 0}, "hoverinfo": "skip", "cliponaxis": False}
-        self._add(found, "", x=self.arrays.place(trace.x), y=self.arrays.place(trace.y))
+        described: Described = {"mode": "markers+text", "text": [clean(word) for word in trace.words]}
+        described |= {"textposition": trace.side, "textfont": {"size": trace.size, "color": trace.colour}}
+        described |= {"marker": {"size": 8, "opacity": 0}, "hoverinfo": "skip", "cliponaxis": False}
+        self._add(described, "", x=self.arrays.place(trace.x), y=self.arrays.place(trace.y))
 
 
 def _pen(pen: Pen) -> Described:
@@ -277,13 +281,13 @@ def _marker(marker: Marker) -> Described:
 
 def legend(figure: Figure) -> list[tuple[str, Markup]]:
     """Legend entries of a figure, as pairs of a label and an SVG swatch of 26 by 12 pixels."""
-    found = []
+    entries = []
     for trace in figure.legend:
         swatch = _Swatch()
         trace.draw(swatch)
         shapes = Markup("").join(swatch.shapes)
-        found.append((trace.label, Markup('<svg width="26" height="12" aria-hidden="true">{}</svg>').format(shapes)))
-    return found
+        entries.append((trace.label, Markup('<svg width="26" height="12" aria-hidden="true">{}</svg>').format(shapes)))
+    return entries
 
 
 @dataclass(frozen=True, eq=False)

@@ -304,11 +304,11 @@ class Figure:
     @property
     def legend(self) -> tuple[Trace, ...]:
         """Traces for the legend: the first one of each label that is not ""."""
-        found: dict[str, Trace] = {}
+        first: dict[str, Trace] = {}
         for panel in self.panels:
             for trace in panel.traces:
-                found.setdefault(trace.label, trace)
-        return tuple(trace for label, trace in found.items() if label)
+                first.setdefault(trace.label, trace)
+        return tuple(trace for label, trace in first.items() if label)
 
     def strip(self, number: int) -> Figure:
         """Copy of the figure with only strip `number` of each panel."""

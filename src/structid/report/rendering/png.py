@@ -89,13 +89,13 @@ def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
 
     The name of a strip is appended to that of its figure.
     """
-    found = {}
+    strips_by_name = {}
     for name, figure in figures.items():
         strips = figure.panels[0].strips
         for number, strip in enumerate(strips):
             alone = len(strips) == 1
-            found[name if alone else f"{name}_{strip.name}"] = figure if alone else figure.strip(number)
-    return found
+            strips_by_name[name if alone else f"{name}_{strip.name}"] = figure if alone else figure.strip(number)
+    return strips_by_name
 
 
 class NotebookPicture(Picture):

@@ -52,19 +52,19 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
     path = study or folder / relative
     if not path.is_file():
         raise FileError(f"{folder}: its study is no longer at {path}; say where it is with --study")
-    found = load_study(path)
-    changed = [name for name, digest in found.digests.items() if inputs.get(name, digest) != digest]
-    if found.text != _text(folder / "study.toml") or changed:
+    read = load_study(path)
+    changed = [name for name, digest in read.digests.items() if inputs.get(name, digest) != digest]
+    if read.text != _text(folder / "study.toml") or changed:
         what = listed[0] if (listed := [name for name in changed if name != path.name]) else path.name
         raise FileError(
             f"{path}: {what} has changed since {folder} was identified; identify again, or give the study as it was with --study"
         )
-    if found.solved is not None:
+    if read.solved is not None:
         raise InputError(
             f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; its deck with the"
             f" identified numbers is in {folder / UPDATED}, and predictions are made in Python from the identification itself"
         )
-    return cut_study(found, stored_pieces(folder)) if found.leaves_pieces_open else found
+    return cut_study(read, stored_pieces(folder)) if read.leaves_pieces_open else read
 
 
 def stored_doubt(folder: Path) -> str:

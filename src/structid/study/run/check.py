@@ -120,9 +120,9 @@ def checked_record(
     warnings: list[str] = []
     histories = read_histories(source)
     for record in histories:
-        found = [one for one in signal_checks(record) if one.severity != "note"]
-        slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
-        warnings += [one.words for one in (*found, *slow)]
+        checks = [one for one in signal_checks(record) if one.severity != "note"]
+        slow = drifts(record) if not any(one.kind == "short" for one in checks) else ()
+        warnings += [one.words for one in (*checks, *slow)]
     warnings += leaking_windows(source, histories, problem, modes)
     lost = setup.truncation(problem, problem.theta_start)
     warnings += [lost.warning] if lost is not None and lost.warning else []

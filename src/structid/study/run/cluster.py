@@ -95,8 +95,8 @@ class Cluster(RemoteWorkers):
         self._client.unregister_worker_plugin(name)
 
     def asked(self, question: Callable[[Shared], str], argument: Shared) -> Mapping[str, str]:
-        found: dict[str, str] = self._client.run(question, argument)
-        return {f"worker {worker}": answer for worker, answer in found.items()}
+        answers: dict[str, str] = self._client.run(question, argument)
+        return {f"worker {worker}": answer for worker, answer in answers.items()}
 
     def lost(self, error: BaseException, is_last: bool) -> None:
         self.require_alive()

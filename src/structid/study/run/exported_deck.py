@@ -112,10 +112,10 @@ def deck_path(study: Study) -> Path:
     path = stated.get("path") if isinstance(stated, dict) else stated
     if path is None:
         raise InputError("the study takes no mesh from a deck of another program (`path` in [structure.mesh])")
-    found = study.path.parent / str(path)
-    if found.suffix.lower() not in DECK_SUFFIXES:
-        raise InputError(f"{found.name} holds a mesh without materials; decks are {' '.join(DECK_SUFFIXES)}")
-    return found
+    deck = study.path.parent / str(path)
+    if deck.suffix.lower() not in DECK_SUFFIXES:
+        raise InputError(f"{deck.name} holds a mesh without materials; decks are {' '.join(DECK_SUFFIXES)}")
+    return deck
 
 
 def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> list[str]:
@@ -154,10 +154,10 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
         if not item.is_sought.any():
             continue
         label = f"{item.name}[{item.element}]"
-        found = list(find_numbers(source, study.structure, item))
-        if not found:
+        deck_numbers = list(find_numbers(source, study.structure, item))
+        if not deck_numbers:
             absent.append(label)
-        for number in found:
+        for number in deck_numbers:
             known = numbers.setdefault(number.mark, number)
             if not math.isclose(known.value, number.value, rel_tol=_SAME):
                 raise InputError(

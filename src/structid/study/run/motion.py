@@ -272,7 +272,7 @@ def segments(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) 
     list of tuple
         Record number (from 0), first sample, and sample after the last.
     """
-    found: list[Segment] = []
+    segments: list[Segment] = []
     before = 0
     for number, record in enumerate(records):
         size = 8 * len(record.channels) * record.n_times
@@ -280,9 +280,9 @@ def segments(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) 
         edges = np.linspace(0, record.n_times, min(max(count, 1), _MOST_SEGMENTS) + 1).astype(int).tolist()
         for first, last in pairwise(edges):
             if before + last > done:
-                found.append((number, max(first, done - before), last))
+                segments.append((number, max(first, done - before), last))
         before += record.n_times
-    return found
+    return segments
 
 
 class ReducedSegment(TypedDict):

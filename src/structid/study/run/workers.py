@@ -288,8 +288,8 @@ def _read(path: str) -> Any:
 def results(shared: Shared, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Answer[TaskResult]:
     """Number and result of each item of a batch, computed without tools, and the seconds that the batch took."""
     begun = time.perf_counter()
-    found = [(number, task(shared, item, PLAIN_CONTEXT)) for number, item in batch]
-    return found, time.perf_counter() - begun
+    outcomes = [(number, task(shared, item, PLAIN_CONTEXT)) for number, item in batch]
+    return outcomes, time.perf_counter() - begun
 
 
 @contextmanager

@@ -239,8 +239,8 @@ def _candidate_lines(
 
 
 def _band_of_modes(structure: Structure, unknown: Parameters) -> tuple[float, float]:
-    found = structure_modes(structure, unknown.values(unknown.start), _MODES_OF_BAND).frequency
-    flexible = found[found > 1e-4 * found.max(initial=0.0)]
+    frequency = structure_modes(structure, unknown.values(unknown.start), _MODES_OF_BAND).frequency
+    flexible = frequency[frequency > 1e-4 * frequency.max(initial=0.0)]
     return float(0.5 * flexible.min(initial=1.0)), float(1.2 * flexible.max(initial=1.0))
 
 

@@ -137,8 +137,8 @@ def edited_study(study: Study, tables: Mapping[str, JsonValue], work: TaskExecut
     original file had.
     """
     files = InputFiles(study.path.parent, dict(study.digests), work, measured=dict(study.measured))
-    found = _make_study(root_of(replace(study.root.source, edited=tables)), files, study.setups)
-    return found if found.solved is not None else replace(found, solved=study.solved)
+    edited = _make_study(root_of(replace(study.root.source, edited=tables)), files, study.setups)
+    return edited if edited.solved is not None else replace(edited, solved=study.solved)
 
 
 def cut_study(study: Study, count: int) -> Study:

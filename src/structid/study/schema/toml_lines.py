@@ -59,20 +59,20 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
     >>> lines["a",], lines["b", 1], lines["b", 1, "c", "d"], lines["b", 1, "c", "d", 1]
     (1, 3, 4, 6)
     """
-    found: dict[KeyPath, int] = {}
+    begin_of: dict[KeyPath, int] = {}
     text = text.replace("\r\n", "\n")
     tokens = words_of(text, " \t#")
     table: KeyPath = ()
     counts: dict[KeyPath, int] = {}
     while tokens:
         if tokens[-1][0] == "[":
-            table = header(tokens, counts, found)
+            table = header(tokens, counts, begin_of)
         elif tokens[-1][0] == "\n":
             tokens.pop()
         else:
-            _note_key_lines(tokens, found, table)
+            _note_key_lines(tokens, begin_of, table)
     ends = [end.start() for end in re.finditer("\n", text)]
-    return {path: bisect_left(ends, at) + 1 for path, at in found.items()}
+    return {path: bisect_left(ends, at) + 1 for path, at in begin_of.items()}
 
 
 def words_of(text: str, passed_over: str) -> TomlTokens:
@@ -80,8 +80,8 @@ def words_of(text: str, passed_over: str) -> TomlTokens:
 
     Tokens that begin with a character of `passed_over` are left out.
     """
-    found = [(match[0], match.start()) for match in WORD.finditer(text) if match[0][0] not in passed_over]
-    return found[::-1]  # the next word is the last
+    tokens = [(match[0], match.start()) for match in WORD.finditer(text) if match[0][0] not in passed_over]
+    return tokens[::-1]  # the next word is the last
 
 
 def read_key(tokens: TomlTokens, end: str) -> tuple[list[str], int]:

@@ -135,14 +135,14 @@ def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
     path = folder / "estimate.h5"
     if not path.is_file():
         return {"channels": []}
-    found = hdf5_fields(path, [f"frf/{name}" for name in _FIELDS])
-    if "frf/frequency" not in found:
+    fields = hdf5_fields(path, [f"frf/{name}" for name in _FIELDS])
+    if "frf/frequency" not in fields:
         return {"channels": []}
     try:
-        outputs, inputs = (texts_of(found[f"frf/{name}"]) for name in ("outputs", "inputs"))
-        frequency, kind = np.asarray(found["frf/frequency"], dtype=float), texts_of(found["frf/kind"])[0]
+        outputs, inputs = (texts_of(fields[f"frf/{name}"]) for name in ("outputs", "inputs"))
+        frequency, kind = np.asarray(fields["frf/frequency"], dtype=float), texts_of(fields["frf/kind"])[0]
         shape = (len(frequency), len(outputs) * len(inputs))
-        measured, fitted, initial = (np.asarray(found[f"frf/{name}"]).reshape(shape) for name in _FIELDS[1:4])
+        measured, fitted, initial = (np.asarray(fields[f"frf/{name}"]).reshape(shape) for name in _FIELDS[1:4])
     except (KeyError, ValueError) as error:
         raise FileError(f"{path}: its responses cannot be used; run the study again") from error
     size = np.maximum(np.abs(measured), np.finfo(float).tiny)

@@ -81,8 +81,8 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     file = (path.parent / str(names[0])).resolve()
     if not file.is_file():
         raise InputError(f"the record {names} is not there; put it back, or choose another one on the start page")
-    found = channels(file, options_of(dict(section.table)))
-    return {"record": names, "channels": placed_channels(read_model(path, number), found)}
+    listed = channels(file, options_of(dict(section.table)))
+    return {"record": names, "channels": placed_channels(read_model(path, number), listed)}
 
 
 def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> StoredEntry:
@@ -170,28 +170,28 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
     from structid.workbench.work.scene import told_findings
 
     read = load_study(opened.inside(study), work=LOOKING)
-    found = check_study(read)
-    relative = found.std / np.where(found.sizes > 0, found.sizes, np.nan)
-    rows = zip(found.names, found.units, found.start, found.std, relative, strict=True)
+    result = check_study(read)
+    relative = result.std / np.where(result.sizes > 0, result.sizes, np.nan)
+    rows = zip(result.names, result.units, result.start, result.std, relative, strict=True)
     return {
-        "determined": found.determined,
-        "records": found.records,
-        "warnings": found.warnings,
-        "findings": told_findings(read.structure, found.places),
-        "facts": [one.title + fact for one in found.beside for fact in one.facts],
-        "channels": [[one.channel, one.role, one.seen] for one in found.channels],
-        "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in found.modes],
+        "determined": result.determined,
+        "records": result.records,
+        "warnings": result.warnings,
+        "findings": told_findings(read.structure, result.places),
+        "facts": [one.title + fact for one in result.beside for fact in one.facts],
+        "channels": [[one.channel, one.role, one.seen] for one in result.channels],
+        "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in result.modes],
         "parameters": [
             {"name": name, "unit": unit, "start": start, "std": std, "relative": part}
             for name, unit, start, std, part in list(rows)[:2000]
         ],
-        "n_parameters": len(found.names),
-        "rank": found.identifiability.rank,
-        "directions": [one.words for one in found.identifiability.directions[:12]],
-        "mass": [found.total_mass, found.total_mass_std],
+        "n_parameters": len(result.names),
+        "rank": result.identifiability.rank,
+        "directions": [one.words for one in result.identifiability.directions[:12]],
+        "mass": [result.total_mass, result.total_mass_std],
         "resonances": [
             [pair.measured, pair.model, pair.half_bandwidths, pair.mac]
-            for one in found.beside
+            for one in result.beside
             for pair in one.resonances
         ],
     }
@@ -240,11 +240,11 @@ def _plan(opened: OpenFolder, study: str, sensors: int) -> StoredEntry:
     """
     from structid.study.schema.plan import load_plan, planned
 
-    found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
-    rows = zip(found.parameters.names, found.chosen.std, strict=True)
+    chosen = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
+    rows = zip(chosen.parameters.names, chosen.chosen.std, strict=True)
     return {
-        "sensors": [str(dof) for dof in found.chosen.sensors],
-        "loads": [str(dof) for dof in found.chosen.loads],
+        "sensors": [str(dof) for dof in chosen.chosen.sensors],
+        "loads": [str(dof) for dof in chosen.chosen.loads],
         "parameters": [{"name": name, "relative": std} for name, std in rows],
     }
 

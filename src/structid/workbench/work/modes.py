@@ -49,22 +49,22 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
     NoModesError, InputError
         As `modes_of_file`.
     """
-    found = modes_of_file(path, ModesOptions(band=None if band is None else (band[0], band[1])), read)
-    sweep = found.identification.sweep
-    step = max(1, len(found.spectra.frequency) // _MOST_LINES)
+    result = modes_of_file(path, ModesOptions(band=None if band is None else (band[0], band[1])), read)
+    sweep = result.identification.sweep
+    step = max(1, len(result.spectra.frequency) // _MOST_LINES)
     return {
-        **_modes(found),
+        **_modes(result),
         "poles": {
             "frequency": packed(np.concatenate([p.frequency for p in sweep]) if sweep else [], np.float64),
             "damping": packed(np.concatenate([p.damping_ratio for p in sweep]) if sweep else [], np.float32),
             "order": packed(np.repeat([p.order for p in sweep], [len(p.poles) for p in sweep]), np.float32),
-            "kind": packed(np.concatenate(pole_kinds(found)) if sweep else [], np.uint8),
+            "kind": packed(np.concatenate(pole_kinds(result)) if sweep else [], np.uint8),
             "shape": packed(np.concatenate([most_real(p.shapes).T for p in sweep]) if sweep else [], np.float32),
         },
         "spectrum": {
-            "name": found.spectra.name,
-            "frequency": packed(found.spectra.frequency[::step], np.float64),
-            "value": packed(found.spectra.values[::step, 0], np.float32),
+            "name": result.spectra.name,
+            "frequency": packed(result.spectra.frequency[::step], np.float64),
+            "value": packed(result.spectra.values[::step, 0], np.float32),
         },
     }
 
@@ -204,19 +204,21 @@ def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dic
     channels = measured.channels
     for names in (relabel, aimed):
         channels = renamed(channels, (), used_names(names, channels))[0]
-    found = correlated_modes(structure, values, replace(measured, channels=channels))
-    pairing, shown = found.pairing, found.shown
+    correlation = correlated_modes(structure, values, replace(measured, channels=channels))
+    pairing, shown = correlation.pairing, correlation.shown
     column = {int(mode): k for k, mode in enumerate(shown)}
     return {
-        "frequency": found.measured.frequency,
-        "model": found.model.frequency[shown],
+        "frequency": correlation.measured.frequency,
+        "model": correlation.model.frequency[shown],
         "number": shown + 1,
         "mac": pairing.mac[:, shown],
         "pair": [column.get(int(mode)) for mode in pairing.number],
-        "together": [[column[k] for k in pairing.partners(i) if k in column] for i in range(found.measured.n_modes)],
-        "difference": found.frequency_difference,
+        "together": [
+            [column[k] for k in pairing.partners(i) if k in column] for i in range(correlation.measured.n_modes)
+        ],
+        "difference": correlation.frequency_difference,
         "likeness": pairing.likeness,
-        "remarks": [found.remark(i) for i in range(found.measured.n_modes)],
-        "warnings": found.warnings,
+        "remarks": [correlation.remark(i) for i in range(correlation.measured.n_modes)],
+        "warnings": correlation.warnings,
         "sensors": len(channels),
     }

@@ -135,14 +135,14 @@ def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
 
     Only the first `_MOST_MARKED` of `rows` (n,) are used.
     """
-    found: list[list[int]] = []
+    outlines: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
         own = nodes[nodes >= 0]
         if element.symbol == "solid":
-            found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
+            outlines += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
         else:
-            found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
-    return found
+            outlines.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
+    return outlines
 
 
 def packed(values: ArrayLike, kind: type[np.generic]) -> str:
@@ -167,7 +167,7 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
         for item in structure.properties
         if item.element == element.name and item.term.kind != "length"
     ]
-    found: dict[str, StoredEntry] = {
+    entry: dict[str, StoredEntry] = {
         "name": element.name,
         "type": type(element).__name__,
         "count": len(element.nodes),
@@ -176,22 +176,22 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
     if isinstance(element, Spring | Dashpot | Friction):
         second = element.second or (None,) * len(element.first)
         pairs = list(zip(element.first, second, strict=True))[:_MOST_MARKED]
-        found["connectors"] = [
+        entry["connectors"] = [
             {"from": int(rows(a.node)), "to": None if b is None else int(rows(b.node)), "direction": a.direction}
             for a, b in pairs
         ]
     elif is_cells(element):
-        found["triangles"], found["edges"], found["owners"] = _faces(element, rows)
+        entry["triangles"], entry["edges"], entry["owners"] = _faces(element, rows)
     elif isinstance(element, PointMass | RotaryInertia | Joint) or element.nodes.shape[1] == 1:
         weights = element.mass if isinstance(element, PointMass) else np.ones(len(element.nodes))
-        found["marks"] = packed(rows(element.nodes[:, 0]), np.uint32)
-        found["weights"] = packed(weights, np.float32)
+        entry["marks"] = packed(rows(element.nodes[:, 0]), np.uint32)
+        entry["weights"] = packed(weights, np.float32)
     elif element.nodes.shape[1] == 2:
-        found["lines"] = packed(rows(element.nodes), np.uint32)
+        entry["lines"] = packed(rows(element.nodes), np.uint32)
     else:
         used = np.unique(element.nodes[element.nodes >= 0])
-        found["marks"] = packed(rows(used[:_MOST_MARKED]), np.uint32)
-    return found
+        entry["marks"] = packed(rows(used[:_MOST_MARKED]), np.uint32)
+    return entry
 
 
 def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
@@ -243,8 +243,8 @@ def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Store
     for dof in structure.fixed:
         if dof.node in row:
             held.setdefault(row[dof.node], []).append(dof.direction)
-    found: list[dict[str, StoredEntry]] = [{"node": node, "directions": to} for node, to in held.items()]
-    return found[:_MOST_MARKED]
+    supports: list[dict[str, StoredEntry]] = [{"node": node, "directions": to} for node, to in held.items()]
+    return supports[:_MOST_MARKED]
 
 
 def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, StoredEntry]]:
@@ -258,7 +258,7 @@ def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[d
     by_place = {
         (name.startswith("load "), parse_dof(name.removeprefix("load ")).place): tie for name, tie in aimed.items()
     }
-    found: list[dict[str, StoredEntry]] = []
+    placed: list[dict[str, StoredEntry]] = []
     for name, role in channels:
         dof = parse_dof(name)
         tie = by_place.get((role == "load", dof.place)) or by_place.get((False, dof.place))
@@ -266,7 +266,7 @@ def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[d
         direction, turned = _unit(dof), False
         if tie is not None:
             node, direction, turned = tie.node, [dof.sign * x for x in tie.direction], True
-        found.append(
+        placed.append(
             {
                 "name": name,
                 "role": role,
@@ -276,7 +276,7 @@ def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[d
                 "declared": turned,
             }
         )
-    return found
+    return placed
 
 
 def _unit(dof: Dof) -> list[float]:

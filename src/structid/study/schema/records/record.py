@@ -244,8 +244,8 @@ def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
         return ()
     from structid.records.quality.signal_checks import channel_checks  # for histories alone
 
-    found = [one for record in histories for one in channel_checks(record)]
-    return tuple(one for one in found if one.kind in CHANNEL_FAULTS)
+    checks = [one for record in histories for one in channel_checks(record)]
+    return tuple(one for one in checks if one.kind in CHANNEL_FAULTS)
 
 
 def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | None = None) -> FrfRecord:
