@@ -64,9 +64,9 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             given = {name: absolute_paths(value) for name, value in given.items()}
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
-                told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
-                told |= {flag: str(absolute_paths(Path(str(told[flag])))) for flag in _FILES if told.get(flag)}
-                given[name] = _make_options(options[name], told)
+                chosen = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
+                chosen |= {flag: str(absolute_paths(Path(str(chosen[flag])))) for flag in _FILES if chosen.get(flag)}
+                given[name] = _make_options(options[name], chosen)
             function(**given)
 
     parameters = [flag for p in signature.parameters.values() for flag in groups.get(p.name, [p])]
@@ -125,14 +125,14 @@ def _make_options(options: type[T], values: Mapping[str, object]) -> T:
 
     Values whose names begin with ``<field>_`` make the dataclass that this field holds.
     """
-    kinds, own = get_type_hints(options), dict(values)
+    kinds, remaining = get_type_hints(options), dict(values)
     for field in inspect.signature(options).parameters:
         inner, prefix = _inner(kinds[field]), f"{field}_"
         if inner is not None:
-            of_inner = [name for name in own if name.startswith(prefix)]
-            parts = {name.removeprefix(prefix): own.pop(name) for name in of_inner}
-            own |= {field: _make_options(inner, parts)} if parts else {}
-    return options(**own)
+            of_inner = [name for name in remaining if name.startswith(prefix)]
+            parts = {name.removeprefix(prefix): remaining.pop(name) for name in of_inner}
+            remaining |= {field: _make_options(inner, parts)} if parts else {}
+    return options(**remaining)
 
 
 def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Field[object], object, str]]:

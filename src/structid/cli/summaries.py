@@ -294,13 +294,13 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
 def _prediction(result: CheckResult) -> str:
     """Sentence on the predicted standard deviations of very many parameters: median, largest, and number without any."""
     relative = (result.std / result.sizes).tolist()
-    known = sorted(value for value in relative if math.isfinite(value))
-    lost = len(relative) - len(known)
+    finite = sorted(value for value in relative if math.isfinite(value))
+    lost = len(relative) - len(finite)
     words = f"{len(relative)} parameters, of which the data determine about {result.identifiability.rank} combinations"
-    if known:
+    if finite:
         words += (
-            f"; predicted standard deviations with the smoothness above: median {format_number(100 * median(known), 2)} %,"
-            f" largest {format_number(100 * known[-1], 2)} %"
+            f"; predicted standard deviations with the smoothness above: median {format_number(100 * median(finite), 2)} %,"
+            f" largest {format_number(100 * finite[-1], 2)} %"
         )
     words += f"; {lost} that neither data nor smoothness see" if lost else ""
     return words + (f"; {result.assumption}" if result.assumption else "")

@@ -177,25 +177,25 @@ def expand(
     residual, noise = (np.full(measured.shape, np.nan) for _ in range(2))
     used: list[tuple[int, ...]] = []
     for r in range(n_modes):
-        own = np.flatnonzero(~np.isnan(measured[:, r]))
-        if not len(own):
+        rows = np.flatnonzero(~np.isnan(measured[:, r]))
+        if not len(rows):
             used.append(())
             continue
-        seen, given = everywhere[own], measured[own, r]
+        seen, given = everywhere[rows], measured[rows, r]
         if dynamic is None:
             chosen = _distinguishable(seen, basis[r])
             carry = modes.mode_shapes[:, chosen] @ np.linalg.pinv(seen[:, chosen])
         else:
             mass, stiffness = dynamic
             omega = 2 * np.pi * float(frequency[r])
-            chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors[:, own])
+            chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors[:, rows])
         shapes[:, r] = carry @ given
-        residual[own, r] = (sensors.T @ shapes[:, r])[own] - given
+        residual[rows, r] = (sensors.T @ shapes[:, r])[rows] - given
         if shape_std is not None:
-            noise[own, r] = shape_std[own, r]
-        elif chosen and len(own) > len(chosen):
-            noise[own, r] = np.sqrt((residual[own, r] ** 2).sum() / (len(own) - len(chosen)))
-        variance = np.square(carry) @ np.square(noise[own, r])
+            noise[rows, r] = shape_std[rows, r]
+        elif chosen and len(rows) > len(chosen):
+            noise[rows, r] = np.sqrt((residual[rows, r] ** 2).sum() / (len(rows) - len(chosen)))
+        variance = np.square(carry) @ np.square(noise[rows, r])
         if model_error > 0:
             left = modes.mode_shapes - carry @ seen
             near = chosen or _distinguishable(seen, basis[r])

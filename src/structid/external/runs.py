@@ -163,8 +163,8 @@ def runs(
             raise FileError(
                 f"{solver.folder}: cannot hold the runs of the solver ({error.strerror}); give `runs`"
             ) from error
-        told = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
-        failed = {key: RunFailedError(words) for key, words in zip(missing, told, strict=True) if words}
+        messages = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
+        failed = {key: RunFailedError(words) for key, words in zip(missing, messages, strict=True) if words}
     folders: list[Path | RunFailedError] = [failed.get(key) or solver.folder / key for key in keys]
     return folders, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
 

@@ -190,8 +190,8 @@ class PlannedTests:
     def tests(self) -> tuple[PlannedTest, ...]:
         """Every test to compare, in the order of a table."""
         following = self.next_sensors[:1]
-        given = (self.installed, *following, self.chosen, self.kammer, self.everything, self.frequencies, self.spread)
-        return tuple(test for test in given if test is not None)
+        tests = (self.installed, *following, self.chosen, self.kammer, self.everything, self.frequencies, self.spread)
+        return tuple(test for test in tests if test is not None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -474,14 +474,14 @@ def _bars(
     width = 0.8 / count
     traces: list[plot.Trace] = []
     for k, (heights, model_name) in enumerate(zip(values, model_names, strict=True)):
-        known = np.isfinite(heights)
-        left = positions[known] - 0.4 + k * width
-        own = model_name if count > 1 else ""
-        traces.append(plot.boxes((left, left + width), (0.0, heights[known]), _COLOURS[model_name], own))
+        finite = np.isfinite(heights)
+        left = positions[finite] - 0.4 + k * width
+        legend = model_name if count > 1 else ""
+        traces.append(plot.boxes((left, left + width), (0.0, heights[finite]), _COLOURS[model_name], legend))
         texts = tuple(
             f"{name}: {value:.3f}" for name, value in zip(names, heights.tolist(), strict=True) if value == value
         )
-        traces.append(plot.Curve(left + width / 2, heights[known], None, plot.UNSEEN, hover=texts))
+        traces.append(plot.Curve(left + width / 2, heights[finite], None, plot.UNSEEN, hover=texts))
     highest = max((float(np.nanmax(heights)) for heights in values if np.isfinite(heights).any()), default=1.0)
     x = plot.Axis(label, limits=(-0.6, len(names) - 0.4), ticks=plot.named_ticks(names, 50), grid=False)
     limits = y.limits or (0.0, 1.1 * highest or 1.0)

@@ -439,11 +439,11 @@ def _field_figure(
         f"{name}: relative change", sides[0], round_limit(np.quantile(sizes, [0.999]) if sizes.size else (), 0.02)
     )
     changed = replace(changed, outlined=frozenset((elements, k) for k in np.flatnonzero(beyond).tolist()))
-    known = std[np.isfinite(std)]
-    top = (float(np.quantile(known, 0.99)) if known.size else 0.0) or 1.0
+    finite = std[np.isfinite(std)]
+    top = (float(np.quantile(finite, 0.99)) if finite.size else 0.0) or 1.0
     ticks = tuple((part * top, percent(part * top, 2, signed=False)) for part in (0.0, 0.25, 0.5, 0.75, 1.0))
     label = "standard deviation of the change"
-    scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, top, label, ticks, is_exceeded=bool((known > top).any()))
+    scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, top, label, ticks, is_exceeded=bool((finite > top).any()))
     return structure_figure(
         picture, (changed, Shading(f"{name}: {label}", sides[1], scale)), caption=_field_caption(elements, change, std)
     )

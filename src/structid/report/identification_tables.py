@@ -275,10 +275,10 @@ def element_table(structure: Structure) -> Table:
     """
     rows = []
     for element in structure.sets:
-        own = [p for p in structure.properties if p.element == element.name]
+        properties = [p for p in structure.properties if p.element == element.name]
         texts = [
             f"{p.term.property.replace('_', ' ')} {with_unit(_range(p.term.values), p.term.unit)}"
-            for p in own
+            for p in properties
             if np.any(p.term.values) and p.term.kind != "length"
         ]
         rows.append((element.name, _type_words(element), str(len(element.nodes)), "; ".join(texts) or NOTHING))
@@ -402,7 +402,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     `masses_unknown` is True if masses are among the parameters, so that modes alone give ratios only.
     """
     problem, record = fit.problem, fit.measured
-    own = "with covariance" if record.covariance is not None else "no covariance"
+    covariance_words = "with covariance" if record.covariance is not None else "no covariance"
     assumed = [
         f"{percent(value, 3, signed=False)} of each {what}"
         for value, what in (
@@ -428,7 +428,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
         ("Source", record.source or "not stated"),
         ("Modes used", f"{plural(len(f), 'mode')}, {number(float(f[0]))} to {number(float(f[-1]))} Hz"),
         ("Sensors", ", ".join(map(str, record.channels)) + record.unknown_words),
-        ("Uncertainty", own),
+        ("Uncertainty", covariance_words),
         ("Error assumed besides", ", ".join(assumed) or "none"),
         ("Residual", residual + (", with damping ratios" if problem.settings.use_damping else "")),
         ("What pulls", _pull(fit)),

@@ -175,10 +175,10 @@ def next_lines(plan: Plan) -> list[str]:
     if not plan.next_sensors:
         return []
     base = plan.installed or plan.chosen
-    told = ", ".join(f"{test.sensors[-1]} ({percent_text(test.worst_std)})" for test in plan.next_sensors[:3])
+    listed = ", ".join(f"{test.sensors[-1]} ({percent_text(test.worst_std)})" for test in plan.next_sensors[:3])
     return [
         f"the next best sensor beside the {base.label} ones (worst std {percent_text(base.worst_std)}), with the worst std it"
-        f" would leave: {told}"
+        f" would leave: {listed}"
     ]
 
 
@@ -276,7 +276,7 @@ def _limits(finite: np.ndarray) -> tuple[float, float]:
 def lines_figure(plan: Plan, chosen: PlannedTest) -> plot.Figure:
     """Figure of the frequency lines of the test `chosen` over the FRF of the initial model at the plan's sensors and loads."""
     frequency, magnitude = _response(plan, plan.chosen.sensors, plan.chosen.loads)
-    at = np.interp(chosen.frequency, frequency, magnitude)
+    heights = np.interp(chosen.frequency, frequency, magnitude)
     spread = np.diff(np.log(np.maximum(frequency, np.finfo(float).tiny)))
     even = len(spread) > 1 and float(np.ptp(spread)) < 1e-6
     label = "initial model, RMS over chosen sensors and loads"
@@ -285,7 +285,7 @@ def lines_figure(plan: Plan, chosen: PlannedTest) -> plot.Figure:
         plot.Axis("frequency", "Hz", log=even),
         plot.Axis(f"{plan.options.kind} (SI units)", limits=plot.decade_limits(magnitude), log=True),
         plot.Curve(frequency, magnitude, plot.Pen(palette.INK, 1.6), label=label, hover=plot.NUMBERS),
-        plot.Curve(np.asarray(chosen.frequency), at, None, dots, f"{len(at)} chosen lines", plot.NUMBERS),
+        plot.Curve(np.asarray(chosen.frequency), heights, None, dots, f"{len(heights)} chosen lines", plot.NUMBERS),
     )
     return plot.Figure((panel,), (860.0, 360.0))
 

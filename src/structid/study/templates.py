@@ -456,12 +456,12 @@ mesh = {{ path = "{self.path}", length_unit = "{self.length_unit}"{orphans} }}
 {self._support_text(mesh, table)}{entries}{unknowns}{direction}{NO_RECORD}"""
 
     def _entry(self, table: str, name: str, group: str) -> str:
-        own = f"group = {json.dumps(group, ensure_ascii=False)}\n" if group else ""
+        group_line = f"group = {json.dumps(group, ensure_ascii=False)}\n" if group else ""
         thickness = "" if table == "solid" else f"thickness = {number(self.thickness)}  # m\n"
         return f"""
 [[structure.{table}]]
 name = {json.dumps(name, ensure_ascii=False)}
-{own}youngs_modulus = {number(self.youngs_modulus)}  # Pa
+{group_line}youngs_modulus = {number(self.youngs_modulus)}  # Pa
 density = {number(self.density)}  # kg/m^3
 {thickness}poisson = 0.33
 loss_factor = 0.01

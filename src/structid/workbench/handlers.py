@@ -145,8 +145,8 @@ def _static(name: str, folder: str = "") -> Response:
 
     "plotly.js" is the plotting library, which the browser may keep for an hour.
     """
-    own = files("structid.workbench") / "static" / folder / name
-    path = files("structid.report") / "plotly_parts" / "plotly-cartesian.min.js" if name == "plotly.js" else own
+    file = files("structid.workbench") / "static" / folder / name
+    path = files("structid.report") / "plotly_parts" / "plotly-cartesian.min.js" if name == "plotly.js" else file
     if not path.is_file() or Path(name).suffix not in _TYPES:
         return PlainTextResponse("There is no such file.", 404)
     kept = "private, max-age=3600" if name == "plotly.js" else "no-cache"
@@ -159,8 +159,8 @@ async def _folder(bench: Workbench, _: Request) -> Response:
     _later(bench.workers.warm())
     listing = await asyncio.to_thread(bench.opened.listing)
     recent = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
-    told = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
-    return Json({**listing, **told})
+    facts = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
+    return Json({**listing, **facts})
 
 
 async def _open(bench: Workbench, request: Request) -> Response:
@@ -179,9 +179,9 @@ async def _templates(_: Workbench, __: Request) -> Response:
 
 
 async def _init(bench: Workbench, request: Request) -> Response:
-    given = await request.json()
-    bench.opened.inside(given["path"])
-    return await bench.worked("init", {key: given[key] for key in ("template", "path", "numbers")})
+    body = await request.json()
+    bench.opened.inside(body["path"])
+    return await bench.worked("init", {key: body[key] for key in ("template", "path", "numbers")})
 
 
 async def _study(bench: Workbench, request: Request) -> Response:
@@ -210,26 +210,26 @@ async def _line(bench: Workbench, request: Request) -> Response:
 
 async def _save(bench: Workbench, request: Request) -> Response:
     """Save the text of a study and answer with its new content; a study that was changed in the meantime is not overwritten."""
-    given = await request.json()
+    body = await request.json()
 
     def saved() -> Response:
-        mark = bench.opened.save(given["study"], given["text"], given["digest"])
-        return Json(study_answer(given["text"], mark))
+        mark = bench.opened.save(body["study"], body["text"], body["digest"])
+        return Json(study_answer(body["text"], mark))
 
     return await asyncio.to_thread(saved)
 
 
 async def _edit(bench: Workbench, request: Request) -> Response:
     """Apply the requested edits to a study, save it and answer with its new content; status 409 if it was changed meanwhile."""
-    given = await request.json()
+    body = await request.json()
 
     def saved() -> Response:
         """Response with the edited and saved study; raises `ChangedError` if the file was changed since the page read it."""
-        text, mark = bench.opened.text(given["study"])
-        if mark != given["digest"]:
-            raise ChangedError(f"{given['study']}: was changed by another page or program; what it says now is shown")
-        changed = edited(text, given["edits"])
-        return Json(study_answer(changed, bench.opened.save(given["study"], changed, mark)))
+        text, mark = bench.opened.text(body["study"])
+        if mark != body["digest"]:
+            raise ChangedError(f"{body['study']}: was changed by another page or program; what it says now is shown")
+        changed = edited(text, body["edits"])
+        return Json(study_answer(changed, bench.opened.save(body["study"], changed, mark)))
 
     return await asyncio.to_thread(saved)
 
@@ -244,8 +244,8 @@ def _of_study(name: str, **numbers: int) -> Handler:
         """Answer of the worker function `name` for the study and the numbers in the query."""
         study = request.query_params["study"]
         own = {key: int(request.query_params.get(key, default)) for key, default in numbers.items()}
-        given: dict[str, Any] = {"study": study, **own}
-        return await bench.worked(name, given, bench.version(study))
+        arguments: dict[str, Any] = {"study": study, **own}
+        return await bench.worked(name, arguments, bench.version(study))
 
     return asked
 
@@ -315,8 +315,8 @@ async def _histories(bench: Workbench, request: Request) -> Response:
     cannot be written.
     """
     body = await request.json()
-    given = {key: body[key] for key in ("record", "options", "first", "last", "points")}
-    answer = await bench.workers("histories", given)
+    arguments = {key: body[key] for key in ("record", "options", "first", "last", "points")}
+    answer = await bench.workers("histories", arguments)
     if '"sampled":true' in answer and bench.opened.is_writable:
         part = {"record": body["record"], "options": body["options"]}
         _later(bench.workers("overview", part))
@@ -377,8 +377,8 @@ async def _start_run(bench: Workbench, request: Request) -> Response:
 
     If the study runs a solver command that the user has not confirmed, status 428 with that command instead.
     """
-    given = await request.json()
-    study, confirmed = given["study"], given.get("confirmed", "")
+    body = await request.json()
+    study, confirmed = body["study"], body.get("confirmed", "")
     bench.opened.inside(study)
     solver = await _solver(bench, study)
     confirmation = solver.get("confirmation", "")
@@ -390,12 +390,12 @@ async def _start_run(bench: Workbench, request: Request) -> Response:
     run = await asyncio.to_thread(
         bench.runs.start,
         study,
-        given["results"],
-        bool(given.get("resume")),
-        bool(given.get("replace")),
+        body["results"],
+        bool(body.get("resume")),
+        bool(body.get("replace")),
         confirmation,
-        None if given.get("seconds") is None else float(given["seconds"]),
-        bool(given.get("explain")),
+        None if body.get("seconds") is None else float(body["seconds"]),
+        bool(body.get("explain")),
     )
     return Json(run.summary())
 

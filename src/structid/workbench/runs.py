@@ -52,12 +52,12 @@ class Run:
 
         Empty if a path leads out of the folder. Times are in seconds since 1970.
         """
-        told = self._json("run.json")
-        texts = {key: told[key] for key in ("study", "results") if isinstance(told.get(key), str)}
+        stored = self._json("run.json")
+        texts = {key: stored[key] for key in ("study", "results") if isinstance(stored.get(key), str)}
         numbers = {
-            key: told[key]
+            key: stored[key]
             for key in ("started", "pid", "born")
-            if isinstance(told.get(key), int | float) and 0 <= told[key] < _LATEST
+            if isinstance(stored.get(key), int | float) and 0 <= stored[key] < _LATEST
         }
         for name in texts.values():
             try:
@@ -72,10 +72,10 @@ class Run:
 
     def _process(self) -> psutil.Process | None:
         """Process of this run, or None if it has ended or another process now has its number."""
-        told = self._read_run_file
+        stored = self._read_run_file
         with suppress(psutil.Error, KeyError, TypeError):
-            process = psutil.Process(int(told["pid"]))
-            is_same = abs(process.create_time() - float(told["born"])) < _SAME_SECONDS
+            process = psutil.Process(int(stored["pid"]))
+            is_same = abs(process.create_time() - float(stored["born"])) < _SAME_SECONDS
             if is_same and process.status() != "zombie" and str(self.folder) in process.cmdline():
                 return process
         return None
@@ -134,10 +134,10 @@ class Run:
         """Last progress record of the run as ``words``, ``done``, ``total`` and ``time``; {} if there is none yet."""
         lines = _tail(self.folder / "progress.jsonl", _MOST_TOLD).splitlines()
         for line in reversed(lines):
-            told = parse_json(line)
-            if isinstance(told, dict) and isinstance(told.get("words"), str):
-                counts = {key: told.get(key) for key in ("done", "total", "time")}
-                return {"words": told["words"], **{k: v for k, v in counts.items() if isinstance(v, int | float)}}
+            entry = parse_json(line)
+            if isinstance(entry, dict) and isinstance(entry.get("words"), str):
+                counts = {key: entry.get(key) for key in ("done", "total", "time")}
+                return {"words": entry["words"], **{k: v for k, v in counts.items() if isinstance(v, int | float)}}
         return {}
 
     def progress(self, after: int) -> dict[str, Any]:
@@ -227,10 +227,10 @@ class Runs:
         """Summaries of the 60 newest runs, newest first; only the newest run of a results folder can be resumed."""
         found, taken = [], set[str]()
         for run in self:
-            told = run.summary()
-            told["can_resume"] = told["can_resume"] and told["results"] not in taken
-            taken.add(told["results"])
-            found.append(told)
+            summary = run.summary()
+            summary["can_resume"] = summary["can_resume"] and summary["results"] not in taken
+            taken.add(summary["results"])
+            found.append(summary)
         return found
 
     def start(
@@ -275,8 +275,8 @@ class Runs:
         if seconds is not None and not 0 <= seconds < float("inf"):
             raise InputError(f"the time for causes must be at least 0 s, got {seconds:g}; leave it out for the usual")
         for run in self:
-            told = run.summary()
-            if told["results"] == results and told["state"] in _LIVE:
+            summary = run.summary()
+            if summary["results"] == results and summary["state"] in _LIVE:
                 raise InputError(f"a run writes to {results} already; wait for it, or give other results")
         if out.is_dir() and not (resume or replace) and any(out.iterdir()):
             raise ChangedError(f"{results}: is there already; give another folder, or replace what is in it")
@@ -291,7 +291,7 @@ class Runs:
             changes={"OPENBLAS_NUM_THREADS": threads, CONFIRMED: confirmation},
         )
         _waited.append(process)
-        told = {
+        description = {
             "study": study,
             "results": results,
             "started": time.time(),
@@ -300,7 +300,7 @@ class Runs:
         }
         try:
             with atomic_write(folder / "run.json") as temporary:
-                temporary.write_text(json.dumps(told), encoding="utf-8")
+                temporary.write_text(json.dumps(description), encoding="utf-8")
         except FileError:  # nobody would know of it
             kill_child(process)
             process.wait()

@@ -119,13 +119,13 @@ class Guard:
             most = MOST_UPLOAD if scope["method"] == "PUT" else MOST_REQUEST
             if not length.isdigit() or int(length) > most:
                 refusal = 413, f"More than {most // 1_000_000} MB at once is refused."
-        told = _with_policy(send, _VIEW_POLICY if is_view else _PAGE_POLICY)
+        send_with_policy = _with_policy(send, _VIEW_POLICY if is_view else _PAGE_POLICY)
         if refusal is not None:
-            await _answer(told, *refusal)
+            await _answer(send_with_policy, *refusal)
             return
         inner = "/view/" + rest if is_view else "/" + rest
-        given = {**scope, "path": inner, "raw_path": inner.encode(), "opened": let_in[0]}
-        await self.app(given, _limit_body(receive, most), told)
+        inner_scope = {**scope, "path": inner, "raw_path": inner.encode(), "opened": let_in[0]}
+        await self.app(inner_scope, _limit_body(receive, most), send_with_policy)
 
 
 def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
@@ -192,12 +192,12 @@ def _with_policy(send: Send, policy: str) -> Send:
     async def sent(message: Message) -> None:
         """Send an ASGI message; the first message of a response gets the security headers."""
         if message["type"] == "http.response.start":
-            own = {"content-security-policy": policy, **_ALWAYS}
-            given = {name.lower() for name, _ in message.get("headers", [])}
-            own |= {} if b"cache-control" in given else {"cache-control": "no-store"}
+            headers = {"content-security-policy": policy, **_ALWAYS}
+            present = {name.lower() for name, _ in message.get("headers", [])}
+            headers |= {} if b"cache-control" in present else {"cache-control": "no-store"}
             message = {
                 **message,
-                "headers": [*message.get("headers", []), *((k.encode(), v.encode()) for k, v in own.items())],
+                "headers": [*message.get("headers", []), *((k.encode(), v.encode()) for k, v in headers.items())],
             }
         await send(message)
 

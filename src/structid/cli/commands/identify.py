@@ -218,5 +218,5 @@ def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
 
 def _resume_command(study: Path, flags: Sequence[str], **options: object) -> str:
     """Text with the command line that resumes the run; `options` with the value None are left out, `flags` are appended."""
-    given = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
-    return f"go on with: {shlex.join(['structid', 'identify', str(study), *given, *flags, '--resume'])}"
+    words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
+    return f"go on with: {shlex.join(['structid', 'identify', str(study), *words, *flags, '--resume'])}"

@@ -131,16 +131,16 @@ def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: 
     labels = np.array(sorted(own), dtype=np.int64)
     if len(labels) * len(faces) > _MOST_PAIRS:
         return frozenset(own)
-    at = np.array([points[int(n)] for n in labels]).reshape(-1, 2)
+    coordinates = np.array([points[int(n)] for n in labels]).reshape(-1, 2)
     depth = np.array([structure.nodes[int(n)] @ sight(structure) for n in labels])
-    slack = 1e-3 * float(np.ptp(at, axis=0).max(initial=0.0))
+    slack = 1e-3 * float(np.ptp(coordinates, axis=0).max(initial=0.0))
     covered = np.zeros(len(labels), dtype=bool)
     for mark in faces:
         corners = np.array([points[n] for n in mark.nodes])
         heights = np.array([structure.nodes[n] @ sight(structure) for n in mark.nodes])
         plane = np.linalg.lstsq(np.column_stack([corners, np.ones(len(corners))]), heights, rcond=1e-9)[0]
-        behind = depth < at @ plane[:2] + plane[2] - slack
-        covered |= _is_inside(corners, at) & behind & ~np.isin(labels, mark.nodes)
+        behind = depth < coordinates @ plane[:2] + plane[2] - slack
+        covered |= _is_inside(corners, coordinates) & behind & ~np.isin(labels, mark.nodes)
     seen = {node for mark in faces for node in mark.nodes}
     return frozenset(labels[covered].tolist()) | (own - seen)
 

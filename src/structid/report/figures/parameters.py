@@ -146,8 +146,8 @@ def convergence_figure(identification: Identification) -> plot.Figure:
         [begin + np.arange(len(course), dtype=float) for begin, course in zip(begins, courses, strict=True)]
     )
     last = int(iteration[-1])
-    known = ratio[np.isfinite(ratio)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 1.0)
+    finite = ratio[np.isfinite(ratio)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (1.0, 1.0)
     log = low > 0 and high / low > 8
     margin = max(0.06 * (high - low), 0.01)
     limits = (max(low, 1e-3) / 1.3, min(high, 1e3) * 1.3) if log else (low - margin, high + margin)

@@ -92,14 +92,14 @@ def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
     axes: dict[str, Described] = {"xaxis": _axis(panel.x, panel.bare)}
     data: list[Described] = []
     for k, (strip, domain) in enumerate(zip(panel.strips, _domains(panel, height), strict=True)):
-        own, right = str(k + 1 if k else ""), str(len(panel.strips) + k + 1)
-        axes["yaxis" + own] = _axis(strip.y, panel.bare) | {"domain": domain, "uirevision": f"{number}"}
-        axes["xaxis"]["anchor"] = "y" + own
+        left, right = str(k + 1 if k else ""), str(len(panel.strips) + k + 1)
+        axes["yaxis" + left] = _axis(strip.y, panel.bare) | {"domain": domain, "uirevision": f"{number}"}
+        axes["xaxis"]["anchor"] = "y" + left
         if strip.right is not None:
             beside: Described = {"side": "right", "showgrid": False, "domain": domain, "anchor": "x"}
             axes["yaxis" + right] = _axis(strip.right, False) | beside
-            axes["yaxis" + own] |= {"overlaying": "y" + right, "tickmode": "auto"}
-        canvas = _Traces(arrays, panel, "y" + own, "y" + right, data)
+            axes["yaxis" + left] |= {"overlaying": "y" + right, "tickmode": "auto"}
+        canvas = _Traces(arrays, panel, "y" + left, "y" + right, data)
         for trace in strip.traces:
             trace.draw(canvas)
     if panel.equal:

@@ -223,18 +223,18 @@ def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_na
 
     `width` is that of the axes in pixels, which decides if long tick texts are turned. Without `is_named` there is no title.
     """
-    own = axes.xaxis if which == "x" else axes.yaxis
+    side = axes.xaxis if which == "x" else axes.yaxis
     if axis.log:
         axes.set(**{f"{which}scale": "log"})
     if axis.ticks:
         values, texts = [value for value, _ in axis.ticks], [plain(text) for _, text in axis.ticks]
         turned = which == "x" and 8 * sum(len(text) + 1 for text in texts) > width
-        own.set_ticks(values, labels=texts, rotation=90 if turned else 0, fontsize=8.5 if len(texts) <= 40 else 7.0)
-        own.set_minor_locator(NullLocator())
+        side.set_ticks(values, labels=texts, rotation=90 if turned else 0, fontsize=8.5 if len(texts) <= 40 else 7.0)
+        side.set_minor_locator(NullLocator())
     if axis.limits is not None:
         axes.set(**{f"{which}lim": axis.limits})
     axes.grid(axis.grid, axis=which)
-    own.label.set_text(plain(axis.title) if is_named else "")
+    side.label.set_text(plain(axis.title) if is_named else "")
 
 
 def _bar(picture: Picture, axes: Axes, scale: ColourScale) -> None:
@@ -298,10 +298,12 @@ class _Canvas:
             edgecolors="white" if trace.columns else "none", linewidth=0.5 if trace.columns else 0.0,
         )  # fmt: skip
         for (row, column), value in np.ndenumerate(trace.values) if trace.written else ():
-            at = trace.x[column : column + 2].mean(), trace.y[row : row + 2].mean()
+            centre = trace.x[column : column + 2].mean(), trace.y[row : row + 2].mean()
             light = np.dot(colours(norm(value))[:3], (0.299, 0.587, 0.114)) if np.isfinite(value) else 1.0
             text = f"{value:.2f}".replace("-", "\u2212") if np.isfinite(value) else ""
-            self.axes.text(*at, text, ha="center", va="center", size=7.0, color="white" if light < 0.5 else palette.INK)
+            self.axes.text(
+                *centre, text, ha="center", va="center", size=7.0, color="white" if light < 0.5 else palette.INK
+            )
 
     def texts(self, trace: Texts) -> None:
         """Draw texts with a white halo, legible over lines."""
@@ -344,5 +346,5 @@ def _glyphs() -> frozenset[int]:
 
 def plain(text: str) -> str:
     """The text for Matplotlib, with dollar signs escaped and a box in place of characters that the font lacks."""
-    known = "".join(c if c == "\n" or ord(c) in _glyphs() else "□" for c in text)
-    return known.replace("$", r"\$")
+    drawable = "".join(c if c == "\n" or ord(c) in _glyphs() else "□" for c in text)
+    return drawable.replace("$", r"\$")

@@ -570,6 +570,6 @@ def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarr
 
 def _direction_warnings(identifiability: Identifiability) -> list[str]:
     """Warnings on the worst-determined directions, and how many more there are; an empty list without such directions."""
-    told = [f"the data determine {direction.words}" for direction in identifiability.directions[:_MOST_DIRECTIONS]]
-    more = len(identifiability.directions) - len(told)
-    return [*told, f"and {more} more combinations that the data do not determine"] if more else told
+    warnings = [f"the data determine {direction.words}" for direction in identifiability.directions[:_MOST_DIRECTIONS]]
+    more = len(identifiability.directions) - len(warnings)
+    return [*warnings, f"and {more} more combinations that the data do not determine"] if more else warnings

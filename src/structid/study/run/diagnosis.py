@@ -78,7 +78,7 @@ def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement
 
 def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
     """Warnings on windows of averaged spectra that blur the resonances of the initial models; each text once."""
-    told: list[str] = []
+    warnings: list[str] = []
     for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
         if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:
             histories = read_histories(source.record)
@@ -87,5 +87,5 @@ def _window_warnings(ready: PreparedStudy) -> tuple[str, ...]:
             from structid.study.run.check import leaking_windows  # for spectra averaged from histories alone
 
             modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
-            told += leaking_windows(source.record, histories, problem, modes)
-    return tuple(dict.fromkeys(told))
+            warnings += leaking_windows(source.record, histories, problem, modes)
+    return tuple(dict.fromkeys(warnings))

@@ -158,11 +158,11 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
         if not deck_numbers:
             absent.append(label)
         for number in deck_numbers:
-            known = numbers.setdefault(number.mark, number)
-            if not math.isclose(known.value, number.value, rel_tol=_SAME):
+            earlier = numbers.setdefault(number.mark, number)
+            if not math.isclose(earlier.value, number.value, rel_tol=_SAME):
                 raise InputError(
-                    f"{number.mark.words} in {original.name} belongs to {known.label} and {label}, whose identified values differ"
-                    f" ({known.value:g} and {number.value:g}); give each a material of its own in the deck"
+                    f"{number.mark.words} in {original.name} belongs to {earlier.label} and {label}, whose identified values differ"
+                    f" ({earlier.value:g} and {number.value:g}); give each a material of its own in the deck"
                 )
     if not numbers:
         raise InputError(
@@ -387,21 +387,23 @@ def _abaqus_numbers(source: _DeckModel, structure: Structure, element_property: 
         return
     sections = [block for block in keywords_in(source.name, source.text) if block.name in _SECTIONS]
     group = source.group_of[element_property.element]
-    own = [block for block in sections if group is None or block.options.get("ELSET", "").upper() == _bare(group)]
-    if not own:
+    sections_of_group = [
+        block for block in sections if group is None or block.options.get("ELSET", "").upper() == _bare(group)
+    ]
+    if not sections_of_group:
         raise InputError(
             f"{source.name}: no section has ELSET={group}, the group of {element_property.element!r}; give it a section of its own"
         )
     if element_property.name not in (*_MATERIAL, "thickness"):
         return
     value, initial = source.number(element_property.element, element_property.name)
-    for block in own:
+    for block in sections_of_group:
         elset, material = block.options.get("ELSET", ""), block.options.get("MATERIAL", "")
         if element_property.name == "thickness" and block.name != "SOLID SECTION":
             yield DeckNumber(KeywordEntry(f"*{block.name}, ELSET={elset}", 1), value, initial, label)
         elif element_property.name in _MATERIAL:
             for other in sections:
-                if other.options.get("MATERIAL", "").upper() == material.upper() and other not in own:
+                if other.options.get("MATERIAL", "").upper() == material.upper() and other not in sections_of_group:
                     theirs = other.options.get("ELSET", "").upper()
                     owner = next((e for e, g in source.group_of.items() if g and _bare(str(g)) == theirs), None)
                     _require_same(source, f"*MATERIAL {material}", element_property, owner, value, True)

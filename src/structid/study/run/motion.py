@@ -388,8 +388,10 @@ def reduced_alone(
 def _merge_fits(fit: RecursiveMotionFit, part: ReducedSegment) -> RecursiveMotionFit:
     """The fit `fit` with the samples of one more segment; a fit without samples is replaced by that of the segment."""
     state = replace(fit.state, triangles=part["triangles"], n_rows=part["n_rows"])
-    own = replace(fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"])
-    return own if fit.n_samples == 0 else fit.merged(own)
+    partial = replace(
+        fit, state=state, energy=part["energy"], error=np.zeros_like(fit.error), n_samples=part["n_samples"]
+    )
+    return partial if fit.n_samples == 0 else fit.merged(partial)
 
 
 def _require_records(workers: Workers, task_data: MotionTaskData) -> None:

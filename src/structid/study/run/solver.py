@@ -101,7 +101,7 @@ def relinearize_solver(
         ]
         if max(moves) <= 1.0:
             return ready
-        known = dict(zip(identification.estimate.names, identification.estimate.values.tolist(), strict=True))
+        values_by_name = dict(zip(identification.estimate.names, identification.estimate.values.tolist(), strict=True))
         if is_led:
             estimate = identification.estimate
             end = estimate.theta[indices_of(estimate.names, joint_problem(ready.problems).names)]
@@ -110,7 +110,7 @@ def relinearize_solver(
                 return ready if max(moves) <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(moves)))
             ready = moved[1]
             continue
-        ready = prepare_study(relinearize_study(ready.study, goal, known, work))
+        ready = prepare_study(relinearize_study(ready.study, goal, values_by_name, work))
     words = (
         f"the answer still moves by {_OF_STD * max(moves):.2g} standard deviations after {MOST_ROUNDS} rounds of differences of the"
         " solver; give larger `step`, priors or bounds"
@@ -149,11 +149,11 @@ def with_nominal_start(result: StudyResult) -> StudyResult:
     first = edited_study(
         study, tables(study, {parameter.name: None for parameter in study.solved.solver.deck.parameters})
     )
-    known: dict[str, float] = {}
+    values_by_name: dict[str, float] = {}
     for source in first.setups:
-        known |= dict(zip(source.parameters.names, source.parameters.start.tolist(), strict=True))
+        values_by_name |= dict(zip(source.parameters.names, source.parameters.start.tolist(), strict=True))
     pairs = zip(answer.estimate.names, answer.estimate.initial.tolist(), strict=True)
-    initial = np.array([known.get(name, value) for name, value in pairs])
+    initial = np.array([values_by_name.get(name, value) for name, value in pairs])
     fits = answer.fits
     if isinstance(study.solved, SolvedFrfs):  # about the answer, its model says nothing of where the search began
         fits = tuple(
@@ -325,8 +325,8 @@ def _with_step(ready: PreparedStudy, step: float | None, work: TaskExecutor) -> 
     solved = ready.study.solved
     assert solved is not None
     problem = ready.problems[0]
-    known = dict(zip(problem.names, problem.physical(problem.theta_start).tolist(), strict=True))
-    return relinearize_study(ready.study, solved.at, known, work, step)
+    values_by_name = dict(zip(problem.names, problem.physical(problem.theta_start).tolist(), strict=True))
+    return relinearize_study(ready.study, solved.at, values_by_name, work, step)
 
 
 def confirm_move(
@@ -374,8 +374,8 @@ def confirm_move(
             continue
         there = joint_problem(form([_with_runs(problem, run) for problem in ready.problems]))
         if squared(residual_at(there, end)) < cost:
-            known = dict(zip(here.names, values.tolist(), strict=True))
-            return end, prepare_study(relinearize_study(ready.study, goal, known, work, step))
+            values_by_name = dict(zip(here.names, values.tolist(), strict=True))
+            return end, prepare_study(relinearize_study(ready.study, goal, values_by_name, work, step))
         failed, end = None, (begin + end) / 2
     if failed is not None:
         raise failed

@@ -164,9 +164,9 @@ class Section:
 
     def read(self, make: Callable[..., T]) -> T:
         """The object that `make`, a class or function, makes of the keys of this section as its arguments; see `table_of`."""
-        given = self.values(own_table(make))
+        values = self.values(own_table(make))
         with self.located():
-            return make(**given)
+            return make(**values)
 
     def section(self, key: str) -> Section | None:
         """The table `key` inside this one, or None if it is absent; `StudyError` if the key holds no table."""

@@ -228,14 +228,14 @@ def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] 
     made_of = [(_structure_tables(source.section), source.structure) for source in before]
     for record in records:
         tables = _structure_tables(record)
-        made = next((known for own, known in made_of if own == tables), None)
+        made = next((earlier for earlier_tables, earlier in made_of if earlier_tables == tables), None)
         made_of.append((tables, made or read_structure(structure, files, record.section("structure"), record)))
     structures = [made for _, made in made_of[len(before) :]]
-    known = frozenset(element.name for made in structures for element in (*made.elements, *made.sets))
+    set_names = frozenset(element.name for made in structures for element in (*made.elements, *made.sets))
     names: set[str] = set()
     setups = []
     for record, made in zip(records, structures, strict=True):
-        unknown = read_parameters(root, made, known)
+        unknown = read_parameters(root, made, set_names)
         errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
         aimed = channel_names(made)
         source = read_source(record, files, aimed, made.base_supports)

@@ -70,15 +70,15 @@ def _identified_parameters(folder: Path, study: Study) -> IdentifiedParameters:
     """
     try:
         listed = {one["name"]: one for one in read_json(folder / "estimate.json")["parameters"]}
-        own = [listed[name] for name in study.parameters.names]
-        ends = [one.get("interval_95") or (None, None) for one in own]
+        entries = [listed[name] for name in study.parameters.names]
+        ends = [one.get("interval_95") or (None, None) for one in entries]
         intervals = [[-np.inf if low is None else low, np.inf if high is None else high] for low, high in ends]
         return IdentifiedParameters(
             study.structure,
             study.parameters,
-            np.array([one["initial"] for one in own], dtype=float),
-            np.array([one["value"] for one in own], dtype=float),
-            np.array([one["identified"] for one in own], dtype=bool),
+            np.array([one["initial"] for one in entries], dtype=float),
+            np.array([one["value"] for one in entries], dtype=float),
+            np.array([one["identified"] for one in entries], dtype=bool),
             np.array(intervals, dtype=float).reshape(-1, 2),
         )
     except (KeyError, TypeError, ValueError) as error:

@@ -137,11 +137,11 @@ def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     """
     outlines: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
-        own = nodes[nodes >= 0]
+        corners = nodes[nodes >= 0]
         if element.symbol == "solid":
-            outlines += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
+            outlines += [corners[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(corners)]]]
         else:
-            outlines.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
+            outlines.append(corners[: AREA_CORNERS[len(corners)] if is_cells(element) else None].tolist())
     return outlines
 
 

@@ -216,8 +216,8 @@ def overview_path(path: Path, options: ReadOptions, overviews: Path) -> Path:
     Its name is a hash of the record's path, size and modification time and of `options`, so that a changed file gets a new one.
     """
     stamp = path.stat()
-    told = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
-    return overviews / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"
+    identity = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
+    return overviews / f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.npy"
 
 
 def write_overview(path: Path, options: ReadOptions, overviews: Path) -> None:
@@ -293,8 +293,8 @@ def options_of(posted: dict[str, Any]) -> ReadOptions:
     InputError
         If a value cannot be used.
     """
-    known = set(ReadOptions.__dataclass_fields__)
-    chosen = {name: value for name, value in posted.items() if name in known and value not in ("", None)}
+    option_names = set(ReadOptions.__dataclass_fields__)
+    chosen = {name: value for name, value in posted.items() if name in option_names and value not in ("", None)}
     try:
         if isinstance(chosen.get("csv"), dict):
             chosen["csv"] = CsvLayout(**chosen["csv"])

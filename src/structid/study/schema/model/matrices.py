@@ -164,15 +164,15 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     matrices = section.section("matrices")
     if matrices is None:
         return _read_entries(entries, None, ("m", "N"), _Reader(files))
-    given = matrices.values(NUMBERING)
+    values = matrices.values(NUMBERING)
     if not entries:
         raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
     dofs = None
-    if "dofs" in given:
+    if "dofs" in values:
         with matrices.located("dofs"):
-            text = given["dofs"]
+            text = values["dofs"]
             dofs = importers.read_numbering(files.path(text)) if isinstance(text, str) else parse_dofs(text)
-    units = (given.get("length_unit", "m"), given.get("force_unit", "N"))
+    units = (values.get("length_unit", "m"), values.get("force_unit", "N"))
     return _read_entries(entries, dofs, units, _Reader(files))
 
 
@@ -393,11 +393,11 @@ def read_measured(entry: Section, files: InputFiles, dofs_of_set: Callable[[str]
     StudyError
         If its file cannot be read, or does not hold FRFs between all degrees of freedom of the interface.
     """
-    source, given = read_source(entry, files, keys=MEASURED), entry.values(MEASURED)
-    named = [dof for text in as_list(given.get("interface", ())) for dof in dofs_of_set(text)]
-    key = files.digest(given["path"]), repr(entry.table)
+    source, values = read_source(entry, files, keys=MEASURED), entry.values(MEASURED)
+    named = [dof for text in as_list(values.get("interface", ())) for dof in dofs_of_set(text)]
+    key = files.digest(values["path"]), repr(entry.table)
     if key not in files.measured:
-        files.measured[key] = _make_component(entry, given["name"], load_record(source), named)
+        files.measured[key] = _make_component(entry, values["name"], load_record(source), named)
     return files.measured[key]
 
 

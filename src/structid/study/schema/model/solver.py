@@ -118,11 +118,11 @@ def read_solver(section: Section, files: InputFiles) -> external.SolvedModel | N
     InputError
         If deck and parameters disagree, the solver is missing or fails, or no model can be made of its output.
     """
-    own = section.section("solver")
-    if own is None:
+    solver_section = section.section("solver")
+    if solver_section is None:
         return None
     if not files.solved:
-        files.solved.append(_run_solver(own, files))
+        files.solved.append(_run_solver(solver_section, files))
     return files.solved[0]
 
 

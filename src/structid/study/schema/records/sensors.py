@@ -74,18 +74,18 @@ def read_sensors(
         raise section.error('holds no channel; add lines such as "101Z" = { node = 12, direction = [0.3, 0.95, 0.0] }')
     names = [name.removeprefix(_LOAD) for name in section.table]
     with section.located():
-        own = [parse_dof(name) for name in names]
-    fresh = max([*nodes, *(dof.node for dof in own)]) + 1
+        dofs = [parse_dof(name) for name in names]
+    fresh = max([*nodes, *(dof.node for dof in dofs)]) + 1
     moves = [d for d in DIRECTIONS[:3] if d in (structure.active or ())]
     found = []
-    for channel, dof in zip(section.table, own, strict=True):
+    for channel, dof in zip(section.table, dofs, strict=True):
         entry = _sensor_section(section, channel)
-        given = SensorEntry(**entry.values(_ENTRY))
+        stated = SensorEntry(**entry.values(_ENTRY))
         if dof.is_rotation or not moves:
             raise section.error("must be a translation, of a structure that has some; leave it out", channel)
         with section.located(channel):
-            node, distance = _node_of_sensor(given, dof.node, nodes, structure.elements)
-            whole = unit_direction(_AXES[dof.axis] if given.direction is None else given.direction)
+            node, distance = _node_of_sensor(stated, dof.node, nodes, structure.elements)
+            whole = unit_direction(_AXES[dof.axis] if stated.direction is None else stated.direction)
             direction = _moving_direction(whole, node, structure)
         label, seen = dof.node, dof.direction
         if label in nodes or seen not in moves:
