@@ -227,13 +227,16 @@ def test_two_states_of_a_comparison_have_as_many_pieces(tmp_path, record):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("rig", ["cantilever", "bridge"])
-def test_values_from_long_elements_are_those_of_continuous_beams(tmp_path, rig):
-    """Of two elements a span, against responses by exact dynamic stiffnesses."""
+@pytest.mark.parametrize(
+    ("rig", "kind", "drawn"),
+    [("cantilever", "frf", 2.0), ("bridge", "frf", 2.0), ("cantilever", "histories", 5.0), ("bridge", "modes", 0.0)],
+)
+def test_values_from_long_elements_are_those_of_continuous_beams(tmp_path, rig, kind, drawn):
+    """Of two elements a span, against responses by exact dynamic stiffnesses; `drawn` is the least error as drawn."""
     from benchmarks.accuracy.mesh_pieces import errors_of
 
-    assert np.abs(errors_of(rig, "", 3, False, tmp_path)).max() < 4
-    assert np.abs(errors_of(rig, "subdivide = 1", 1, False, tmp_path)).max() > 2
+    assert np.abs(errors_of(rig, kind, "", 3, False, tmp_path)).max() < 4
+    assert np.abs(errors_of(rig, kind, "subdivide = 1", 1, False, tmp_path)).max() > drawn
 
 
 def test_an_identification_stopped_on_the_finer_mesh_resumes_to_the_same_bits(tmp_path, record):
