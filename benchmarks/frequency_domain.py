@@ -33,7 +33,7 @@ from structid.dynamics.normal_modes import modes
 from structid.dynamics.receptance import single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
 from structid.forward.frf.response import Response, ResponseCache, response
-from structid.forward.frf.solvers.sparse import SparseSolver
+from structid.forward.frf.solvers.factorized import SparseSolver
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "published"))

@@ -16,7 +16,7 @@ import structid as sid
 from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
 from structid.forward.frf.response import response
-from structid.forward.frf.solvers.sparse import Pattern
+from structid.forward.frf.solvers.factorized import Pattern
 
 YOUNG, DENSITY, POISSON, LOSS = 70e9, 2700.0, 0.3, 0.02
 SIZE, BAND, GROUPS, SENSORS = (1.8, 1.0, 1.08), (100.0, 1000.0), (5, 2, 3), 20

@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 
 import structid as sid
-from structid.fem.matrices.assembly import assembly
-from structid.fem.matrices.blocks import index_kind
+from structid.fem.assembly import assembly
+from structid.fem.blocks import index_kind
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import solid

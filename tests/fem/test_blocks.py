@@ -8,7 +8,7 @@ from scipy import sparse
 
 from structid import Blocks, InputError
 from structid.fem import MatrixBlocks
-from structid.fem.matrices.blocks import pattern
+from structid.fem.blocks import pattern
 
 
 def random_family(seed, kind):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from structid.core.dof import DIRECTIONS
+from structid.fem.contribution import LengthFactor, Monomial, ShearFactor
 from structid.fem.elements.element import dof_code
-from structid.fem.matrices.contribution import LengthFactor, Monomial, ShearFactor
 from structid.fem.node_positions import LengthDependence
 from structid.fem.supports import RigidLink
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structid.forward.time.spectra_model import eliminated_columns
+from structid.forward.time.spectra import eliminated_columns
 
 
 def polynomial_columns(lowest: float, n_lines: int = 400) -> np.ndarray:

@@ -15,7 +15,7 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import installed_factorizers
 from structid.forward.contraction import element_products
 from structid.forward.frf.response import ResponseCache, response
-from structid.forward.frf.solvers.sparse import sweep_error
+from structid.forward.frf.solvers.factorized import sweep_error
 from structid.identification.options import IdentifyOptions
 from structid.unknowns.priors import priors_of
 

@@ -8,7 +8,7 @@ from structid.core.dof import parse_dof
 from structid.diagnose.checks.mesh import _limit
 from structid.identification.fits.ratios import _std
 from structid.identification.fits.resonances import peaks
-from structid.identification.setups.histories_as_frfs import _frfs_of_hit, _Hit
+from structid.identification.setups.time import _frfs_of_hit, _Hit
 
 
 @pytest.mark.parametrize("power", [2.0, 3.0, 4.0])

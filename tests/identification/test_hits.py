@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import TimeRecord
-from structid.identification.setups.histories_as_frfs import frfs_of
+from structid.identification.setups.time import frfs_of
 
 RATE, COUNT, BEFORE = 512.0, 1024, 30
 MASS, STIFFNESS = np.diag([2.0, 3.0]), np.array([[9e4, -4e4], [-4e4, 4e4]])

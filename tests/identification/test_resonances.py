@@ -6,7 +6,7 @@ from scipy.signal import find_peaks
 
 from structid import FrfRecord, TimeRecord
 from structid.identification.fits.resonances import prominent, resonances
-from structid.identification.setups.histories_as_frfs import frfs_of
+from structid.identification.setups.time import frfs_of
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)
 

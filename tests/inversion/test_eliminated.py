@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid.inversion import LevenbergMarquardt, minimize
-from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
+from structid.inversion.eliminated_problem import EliminatedProblem, NormalEquations, minimize_eliminated
 
 
 def test_compressed_rows_have_the_steps_and_the_sum_of_squares_of_all_rows():

@@ -10,7 +10,7 @@ from test_matrix_free import field
 from structid.core.errors import InputError
 from structid.inversion import JointProblem, MatrixFree, Problem
 from structid.inversion.estimate import estimate
-from structid.inversion.problems.wrapped import Wrapped
+from structid.inversion.wrapped_problem import Wrapped
 
 
 @dataclass(frozen=True, eq=False)

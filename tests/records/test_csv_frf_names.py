@@ -8,8 +8,7 @@ import pytest
 from structid.core.errors import FileError, InputError
 from structid.core.units import STANDARD_GRAVITY
 from structid.records.formats import read_record
-from structid.records.formats.csv.layout import CsvLayout
-from structid.records.formats.options import ReadOptions, options_given_as_flags
+from structid.records.formats.options import CsvLayout, ReadOptions, options_given_as_flags
 
 FREQUENCY = np.arange(1.0, 5.0)
 #: Response of sensor s to load l, in the file's unit.

@@ -18,7 +18,7 @@ from wrong_models.telling_apart import can_look_into, told_apart
 
 from structid.cli import app as cli
 from structid.forward import simulated_record
-from structid.identification.setups.histories_as_frfs import frfs_of
+from structid.identification.setups.time import frfs_of
 from structid.modal.formats.files import read_modes
 from structid.records.formats import ReadOptions, read_record
 from structid.study.run.run import run_prepared

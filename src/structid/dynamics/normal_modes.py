@@ -34,7 +34,7 @@ _STRAIN_PASSES = 2
 #: Part of the modes of a large model from which on all of them are found, after condensation.
 _MOST_BY_LANCZOS = 3
 
-#: The matrix B with K = B'B; None where there is none (`structid.fem.matrices.strains`).
+#: The matrix B with K = B'B; None where there is none (`structid.fem.contribution`).
 Strains = Callable[[], sparse.csr_array | None]
 #: V'KV of a space V, (n, n).
 _Energy = Callable[[FloatArray], FloatArray]

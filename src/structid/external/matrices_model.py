@@ -17,7 +17,7 @@ from structid.external.runs import RunCounts, Solver, needed_runs, point_words, 
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.fem.elements.solver_model import Part, SolverModel
 from structid.fem.importers import ImportedMatrix, dof_table, dofs_of, in_si, on_dofs
-from structid.fem.importers.definite import require_semidefinite
+from structid.fem.importers.checks import require_semidefinite
 from structid.fem.importers.imported import codes_of, tables_of
 from structid.inversion.search.work import TaskExecutor
 

@@ -1,6 +1,11 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
+from structid.fem.blocks import Blocks as Blocks
+from structid.fem.blocks import ElementMatrices as ElementMatrices
+from structid.fem.blocks import MatrixBlocks as MatrixBlocks
 from structid.fem.component import Component as Component
+from structid.fem.contribution import Contribution as Contribution
+from structid.fem.contribution import Property as Property
 from structid.fem.elements.beam import Bar as Bar
 from structid.fem.elements.beam import Beam as Beam
 from structid.fem.elements.connector import Dashpot as Dashpot
@@ -17,11 +22,6 @@ from structid.fem.elements.plate import Plate as Plate
 from structid.fem.elements.registry import ELEMENT_TYPES as ELEMENT_TYPES
 from structid.fem.elements.shell import Shell as Shell
 from structid.fem.elements.space_beam import SpaceBeam as SpaceBeam
-from structid.fem.matrices.blocks import Blocks as Blocks
-from structid.fem.matrices.blocks import ElementMatrices as ElementMatrices
-from structid.fem.matrices.blocks import MatrixBlocks as MatrixBlocks
-from structid.fem.matrices.contribution import Contribution as Contribution
-from structid.fem.matrices.contribution import Property as Property
 from structid.fem.measured import MeasuredComponent as MeasuredComponent
 from structid.fem.structure import Structure as Structure
 from structid.fem.structure import from_matrices as from_matrices

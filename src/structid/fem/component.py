@@ -15,6 +15,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.normal_modes import modes
+from structid.fem.contribution import MATRIX_KINDS, Property, weigh_properties
 from structid.fem.elements import MatrixGroup
 from structid.fem.elements.element import (
     ElementMatrixTerm,
@@ -24,7 +25,6 @@ from structid.fem.elements.element import (
     dof_of_code,
     joined_codes,
 )
-from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weigh_properties
 from structid.fem.numbering import Numbering, free_blocks
 from structid.fem.supports import DofEquations, FollowingDofs
 

@@ -12,9 +12,9 @@ from scipy import linalg, sparse
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError, SingularModelError
 from structid.core.last_results import LastResults
+from structid.fem.blocks import Blocks
+from structid.fem.contribution import Contribution, Factor
 from structid.fem.elements.element import PropertyMatrices
-from structid.fem.matrices.blocks import Blocks
-from structid.fem.matrices.contribution import Contribution, Factor
 
 #: What stands for the modes where properties name element sets.
 ALL_MODES = "all modes"

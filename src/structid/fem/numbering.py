@@ -12,8 +12,8 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
+from structid.fem.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.fem.elements.element import ElementMatrixTerm, dof_code, dof_of_code
-from structid.fem.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.fem.supports import DofEquations, FollowingDofs
 
 #: Part of a map to free degrees of freedom from which on it is full.

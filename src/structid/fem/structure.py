@@ -15,13 +15,19 @@ from structid.core.display import Overview, Shown, join_words, plural
 from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.last_results import LastResults
+from structid.fem.blocks import Pattern, pattern
 from structid.fem.component import Component, Reduction, reductions
+from structid.fem.contribution import (
+    MATRIX_KINDS,
+    Contribution,
+    Property,
+    rigid_mass,
+    strain_operator,
+    weigh_properties,
+)
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import LENGTH, TRANSLATIONS, PropertyMatrices, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
-from structid.fem.matrices.blocks import Pattern, pattern
-from structid.fem.matrices.contribution import MATRIX_KINDS, Contribution, Property, rigid_mass, weigh_properties
-from structid.fem.matrices.strains import strain_operator
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.fem.node_positions import (

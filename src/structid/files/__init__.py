@@ -1,8 +1,16 @@
 """Files: read with a clear word when something is wrong with them, and written whole or not at all."""
 
-from structid.files.lock import claim, claim_path, release
 from structid.files.reading import DAMAGE, damage_told, digest, read_part, read_start, require_readable
-from structid.files.writing import atomic_write, csv_text, make_folder, replace_unchanged, require_no_file
+from structid.files.writing import (
+    atomic_write,
+    claim,
+    claim_path,
+    csv_text,
+    make_folder,
+    release,
+    replace_unchanged,
+    require_no_file,
+)
 
 __all__ = [
     "DAMAGE",

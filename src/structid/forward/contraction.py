@@ -18,8 +18,8 @@ from scipy import sparse
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, with_entries
 from structid.core.last_results import LastResults
 from structid.fem import Structure
-from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
-from structid.fem.matrices.contribution import Contribution
+from structid.fem.blocks import Blocks, ElementMatrices, index_kind
+from structid.fem.contribution import Contribution
 
 #: Most entries of forces that are held at once; and of small models, where they are to stay near the processor.
 _CHUNK_ENTRIES, _NEAR_ENTRIES = 4_000_000, 65_536

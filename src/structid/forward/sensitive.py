@@ -10,7 +10,7 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.fem import Contribution, Structure
-from structid.fem.matrices.blocks import ElementMatrices
+from structid.fem.blocks import ElementMatrices
 from structid.forward.contraction import WeightedElements
 from structid.unknowns import Parameters
 

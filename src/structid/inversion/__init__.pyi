@@ -21,12 +21,12 @@ from structid.inversion.intervals.profile import profile as profile
 from structid.inversion.intervals.profile import profiles as profiles
 from structid.inversion.intervals.sampling import Samples as Samples
 from structid.inversion.intervals.sampling import sample as sample
+from structid.inversion.joint_problem import JointProblem as JointProblem
 from structid.inversion.linearization import Linearization as Linearization
 from structid.inversion.linearization import OperatorLinearization as OperatorLinearization
 from structid.inversion.problem import DataRows as DataRows
 from structid.inversion.problem import FreeUnknowns as FreeUnknowns
 from structid.inversion.problem import Problem as Problem
-from structid.inversion.problems.joint import JointProblem as JointProblem
 from structid.inversion.search.gauss_newton import GaussNewton as GaussNewton
 from structid.inversion.search.least_squares import Method as Method
 from structid.inversion.search.least_squares import Minimum as Minimum

@@ -16,12 +16,12 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
+from structid.fem.blocks import Blocks
+from structid.fem.contribution import Contribution
 from structid.fem.elements import ElementSet
 from structid.fem.elements.elastic import plane_elasticity
 from structid.fem.elements.element import node_codes
 from structid.fem.elements.plate import ThinSet
-from structid.fem.matrices.blocks import Blocks
-from structid.fem.matrices.contribution import Contribution
 
 _TEXT = re.compile(
     r"^(?P<what>[A-Za-z_]+)\[(?P<set>[^\]@]+?)(?::(?P<number>\d+))?@(?P<where>\w+)(?P<rest>(?:\s+\w+\s*=\s*[^\s=\]]+)*)\s*\]$"

@@ -32,7 +32,7 @@ from structid.fem.importers import (
     write_abaqus,
     write_matrix,
 )
-from structid.fem.importers.definite import require_semidefinite
+from structid.fem.importers.checks import require_semidefinite
 from structid.files import contained as contained_process
 from structid.files import worker
 

@@ -19,7 +19,7 @@ from structid.fem.importers import (
     write_matrix,
     write_op4,
 )
-from structid.fem.importers.definite import require_semidefinite
+from structid.fem.importers.checks import require_semidefinite
 
 pytestmark = pytest.mark.skipif(
     not SIERRA.exists(), reason="the Sierra/SD matrices (GPL) are not part of the package: shared/data is missing"

@@ -13,9 +13,9 @@ from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.model_edits import AddUnknown, Edits, SetProperty, rounded
 from structid.diagnose.tested_model import TestedModel
 from structid.fem import Structure
+from structid.fem.contribution import Property
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import declarations
-from structid.fem.matrices.contribution import Property
 from structid.forward import RecordProblem
 
 #: Bending stiffness over shear stiffness and squared length of a set, of a first guess.

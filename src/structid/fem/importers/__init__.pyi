@@ -1,10 +1,10 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
-from structid.fem.importers.definite import require_semidefinite as require_semidefinite
-from structid.fem.importers.exports import group_from_exports as group_from_exports
-from structid.fem.importers.exports import in_si as in_si
-from structid.fem.importers.exports import require_total_mass as require_total_mass
-from structid.fem.importers.exports import total_mass as total_mass
+from structid.fem.importers.checks import group_from_exports as group_from_exports
+from structid.fem.importers.checks import in_si as in_si
+from structid.fem.importers.checks import require_semidefinite as require_semidefinite
+from structid.fem.importers.checks import require_total_mass as require_total_mass
+from structid.fem.importers.checks import total_mass as total_mass
 from structid.fem.importers.imported import ElementEntries as ElementEntries
 from structid.fem.importers.imported import ImportedMatrix as ImportedMatrix
 from structid.fem.importers.imported import codes_of as codes_of

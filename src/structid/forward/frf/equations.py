@@ -8,7 +8,7 @@ from scipy import sparse
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.matrices.assembly import structure_matrix_kinds
+from structid.fem.assembly import structure_matrix_kinds
 from structid.forward.frf.channels import read
 from structid.forward.frf.friction import sliding_amplitudes
 from structid.forward.frf.slopes import matrix_coefficients

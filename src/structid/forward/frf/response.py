@@ -23,9 +23,14 @@ from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
 from structid.forward.frf.slopes import StiffnessSlopes, matrix_coefficients
 from structid.forward.frf.solvers.coupling import SubstructureCoupling
-from structid.forward.frf.solvers.dense import MEDIUM_UP_TO, DenseOrSparseSolver, DenseSolver
+from structid.forward.frf.solvers.factorized import (
+    MEDIUM_UP_TO,
+    DenseOrSparseSolver,
+    DenseSolver,
+    Pattern,
+    SparseSolver,
+)
 from structid.forward.frf.solvers.solver import FrfSolver
-from structid.forward.frf.solvers.sparse import Pattern, SparseSolver
 from structid.forward.frf.solvers.tabulated import TabulatedFrf
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES

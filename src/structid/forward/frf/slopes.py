@@ -10,7 +10,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
-from structid.fem.matrices.assembly import Assembly, assembly, structure_matrix_kinds
+from structid.fem.assembly import Assembly, assembly, structure_matrix_kinds
 from structid.forward.contraction import DenseSlopes, ParameterForces, dense_slopes, parameter_forces
 from structid.forward.sensitive import (
     SensitiveElements,

@@ -16,7 +16,7 @@ from structid.dynamics import Modes
 from structid.dynamics.normal_modes import modes
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
-from structid.fem.matrices.assembly import structure_matrix_kinds
+from structid.fem.assembly import structure_matrix_kinds
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.contraction import DenseSlopes, dense_slopes
 from structid.forward.sensitive import SensitiveElements, sensitive_elements, weight_slope

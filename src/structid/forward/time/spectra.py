@@ -1,4 +1,7 @@
-"""Forces and motions of one finite record as a least-squares problem: no leakage error, noise on both sides."""
+"""Forces and motions of one finite record as a least-squares problem: no leakage error, noise on both sides.
+
+A structure makes finite spectra of motions of forces, of its state at both ends, and of tones.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.core.errors import InputError
+from structid.dynamics.normal_modes import Modes, frequencies_between, modes
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
+from structid.forward.frf.channels import read as readings_of
 from structid.forward.frf.continuation import thinned_lines
-from structid.forward.frf.response import ResponseCache
+from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.record_problem import (
     RecordFacts,
     RecordProblem,
@@ -21,10 +27,10 @@ from structid.forward.record_problem import (
     linearization_with_priors,
     residual_with_priors,
 )
-from structid.forward.time.spectra_model import SpectraModel
-from structid.inversion.linearization import Linearization
+from structid.inversion.linearization import LastEvaluation, Linearization
 from structid.inversion.problem import DataRows, Schedule
-from structid.records import TimeRecord
+from structid.records import FrfRecord, TimeRecord
+from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.unknowns import Parameters
 
@@ -40,6 +46,434 @@ NO_WINDOW = (
     "a window's decay is no error of histories that are fitted themselves, which need no window; take the windowed record's"
     " FRFs, or undo the window"
 )
+#: Modes up to this multiple of the highest line take part in the transient.
+_REACH = 2.0
+#: By which part of a line a tone is kept off it.
+_OFF_LINE = 1e-4
+#: Line at which a structure answers by its mass alone, in parts of the sampling rate.
+_FAR = 10.0
+#: Columns with singular values below this part of the largest count as dependent.
+_DEPENDENT = 1e-10
+#: Normal equations serve where their smallest eigenvalue is above this part of their largest.
+_RESOLVED = 1e-9
+#: An evaluation is kept for its derivative where it takes no more than this; rows of a block of the orthogonalization.
+_KEPT_BYTES, _BLOCK_ROWS = 2e8, 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Evaluation of a `SpectraProblem` at one point, with its linear unknowns solved for.
+
+    Attributes
+    ----------
+    y : (n_frequencies, n_dofs, n_outputs) complex array
+        Motions under unit forces at the sensors.
+    read : (n_frequencies, n_outputs) complex array
+        What sensors read over the displacement.
+    forced : (n_frequencies, n_outputs, n_inputs) complex array
+        The part of each likeliest force in each reading.
+    free : (n_frequencies, n_outputs) complex array
+        The part of the transient but its polynomials.
+    motion : (n_frequencies, n_dofs, 1) complex array
+    aliased : (n_frequencies, n_outputs, n_inputs) complex array
+        What readings hold of the likeliest forces through aliases, in parts of the response far above all modes.
+    whitening : (n_frequencies, n_outputs, n_outputs) complex array
+    linear : EliminatedColumns
+        Columns of the linear unknowns, which explain a part of the whitened data.
+    data : (n_data,) float array
+    """
+
+    y: ComplexArray
+    read: ComplexArray
+    forced: ComplexArray
+    free: ComplexArray
+    motion: ComplexArray
+    aliased: ComplexArray
+    whitening: ComplexArray
+    linear: EliminatedColumns
+    data: FloatArray
+
+    @property
+    def is_small(self) -> bool:
+        """True if the model's matrices are small enough to be cached."""
+        return self.linear.columns.nbytes + self.y.nbytes < _KEPT_BYTES
+
+
+@dataclass(frozen=True, eq=False)
+class EliminatedColumns:
+    """Columns of unknowns that enter whitened data linearly, and take their part of it.
+
+    Attributes
+    ----------
+    columns : (n_columns, n_complex) complex array
+        One column in each row; they span what the unknowns explain.
+    inverse : (n_columns, n_columns) float array
+        Inverse of the products of the columns, real and imaginary parts together.
+    solution : (n_unknowns, n_columns) float array
+        The unknowns by the products of the columns with data.
+    rank : int
+        How many of the unknowns are independent.
+    """
+
+    columns: ComplexArray
+    inverse: FloatArray
+    solution: FloatArray
+    rank: int
+
+    def project_out(self, data: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+        """Rows of `data` (n, n_complex) less the part that the columns explain, and the unknowns (n_unknowns, n) of that part.
+
+        Projected twice, because normal equations lose digits by rounding.
+        """
+        left = np.ascontiguousarray(data).view(np.float64)
+        columns, explained = self.columns.view(np.float64), np.zeros((len(self.solution), len(left)))
+        for _ in range(2):
+            products = columns @ left.T
+            explained += self.solution @ products
+            left = left - (self.inverse @ products).T @ columns
+        return left.view(np.complex128), explained
+
+
+@dataclass(frozen=True, eq=False)
+class MassLine:
+    """The response far above all modes, by which aliases of straight forces answer.
+
+    Attributes
+    ----------
+    response : Response
+        At one line up there.
+    columns : (n_dofs, n_inputs + n_outputs) sparse array
+        Loads, then sensors.
+    spectra : FiniteSpectra
+    """
+
+    response: Response
+    columns: sparse.csc_array
+    spectra: FiniteSpectra
+
+    def values(self, own: FloatArray) -> FloatArray:
+        """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
+
+        For a driven support it is per unit acceleration of the support. `own` is (n_params,).
+        """
+        x, _ = self._fields(own)
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        sensors = self.columns[:, n_in : n_in + n_out]
+        return np.real(self._powers * (sensors.T @ x[0]))
+
+    def change(self, own: FloatArray) -> FloatArray:
+        """Derivative of `values` by the parameters `own` of the structure, (n_outputs, n_inputs, n_own_params)."""
+        x, y = self._fields(own)
+        return np.real(self._powers[:, None] * self.response.sensitivity_at(own, x, y)[0])
+
+    def _fields(self, own: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        n_in, fields = len(self.spectra.inputs), self.response.fields_at(own, self.columns)
+        return fields[:, :, :n_in], fields[:, :, n_in:]
+
+    @cached_property
+    def _powers(self) -> ComplexArray:
+        """s^2 at that line for forces, 1 for accelerations of supports, (n_inputs,)."""
+        s = self.spectra.decay + 2j * np.pi * _FAR / self.spectra.straight
+        return s ** (2.0 * ~self.spectra.driven)
+
+
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """Part of the motions that no force of the record made: linear unknowns with known shapes.
+
+    Attributes
+    ----------
+    spectra : FiniteSpectra
+    forces : (n_dofs, n) float array
+        Of which the changes of state over the record are sums.
+    order : int or None
+        Highest power of s in the polynomial of each output; None without a transient.
+    tones : tuple of float
+        Hz.
+    """
+
+    spectra: FiniteSpectra
+    forces: FloatArray
+    order: int | None
+    tones: tuple[float, ...]
+
+    @cached_property
+    def relative_laplace(self) -> ComplexArray:
+        """s in parts of its size at the highest line, (n_frequencies,)."""
+        return self.spectra.laplace / abs(self.spectra.laplace[-1])
+
+    def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
+        """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces)."""
+        return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
+
+    def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
+        """Whitened regressors of all linear unknowns, (n_unknowns, n_frequencies * n_outputs), one in each row.
+
+        The order is a constant for each force, a slope over s for each force, then for each output its polynomial and tones.
+        `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the spectra, `reach` (n_frequencies, n_outputs,
+        n_forces) the whitened motion by each force.
+        """
+        n_lines, n_out = self.spectra.motion.shape
+        jumps, shapes, s = np.moveaxis(reach, 2, 0), self._own_shapes.T, self.relative_laplace[:, None]
+        n_jumps, n_shapes = len(jumps), len(shapes)
+        columns = np.empty((2 * n_jumps + n_out * n_shapes, n_lines, n_out), dtype=np.complex128)
+        columns[:n_jumps] = jumps
+        np.multiply(jumps, s, out=columns[n_jumps : 2 * n_jumps])
+        own = columns[2 * n_jumps :].reshape(n_out, n_shapes, n_lines, n_out)
+        np.multiply(np.moveaxis(whitening, 2, 0)[:, None], shapes[None, :, :, None], out=own)
+        return columns.reshape(len(columns), n_lines * n_out)
+
+    @cached_property
+    def _own_shapes(self) -> ComplexArray:
+        """Shapes (n_frequencies, n_shapes) of each output's own part of a spectrum: powers of s, then four for each tone.
+
+        Those are 1/p, s/p, 1/p^2 and s/p^2 with p = s^2 + w^2; s and w are relative to the highest line.
+        """
+        s = self.relative_laplace
+        powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
+        for tone in self.tones:
+            off = _OFF_LINE / self.spectra.duration  # a tone on a line has no finite transform
+            pole = s**2 + ((tone + off) / self.spectra.frequency[-1]) ** 2
+            powers += [1 / pole, s / pole, 1 / pole**2, s / pole**2]
+        return np.stack(powers, axis=1) if powers else np.zeros((len(s), 0), dtype=np.complex128)
+
+
+@dataclass(frozen=True, eq=False)
+class SpectraModel:
+    """Predictions of a `SpectraProblem` at any values of its parameters.
+
+    `errors` are those of its channels, whose parameters follow those of the structure; `order` is None without a transient.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    spectra: FiniteSpectra
+    errors: ChannelErrors | None
+    cache: ResponseCache
+    order: int | None
+    tones: tuple[float, ...]
+
+    @cached_property
+    def response(self) -> Response:
+        """Response of the model at the record's lines."""
+        return _response(self, self.spectra.frequency)
+
+    @cached_property
+    def mass_line(self) -> MassLine:
+        far = np.array([_FAR / self.spectra.straight])
+        sides = self.columns[:, : len(self.spectra.inputs) + len(self.spectra.outputs)]
+        return MassLine(_response(self, far), sides, self.spectra)
+
+    @cached_property
+    def start_modes(self) -> Modes:
+        """Modes of the structure at the start: all of a small one, the lowest of a large one."""
+        return modes(*self.start_matrices)
+
+    @cached_property
+    def start_matrices(self) -> tuple[sparse.csc_array, sparse.csc_array]:
+        """Mass and stiffness of the structure at the start, (n_dofs, n_dofs)."""
+        values = self.parameters.values(self.parameters.start)
+        return self.structure.matrix("mass", values), self.structure.matrix("stiffness", values)
+
+    def start_frequencies(self, lowest: float, highest: float) -> tuple[FloatArray, bool]:
+        """Natural frequencies (Hz) at the start from `lowest` to `highest`, ascending, and True if they are complete.
+
+        For a large structure they may be only the first of them.
+        """
+        return frequencies_between(self.start_modes, *self.start_matrices, lowest, highest)
+
+    @cached_property
+    def transient(self) -> Transient:
+        return Transient(self.spectra, _forces(self), self.order, self.tones)
+
+    @cached_property
+    def columns(self) -> sparse.csc_array:
+        """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
+        structure = self.response.slopes.structure
+        loads, sensors = structure.selection(self.spectra.inputs), structure.selection(self.spectra.outputs)
+        return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self.transient.forces)]))
+
+    def predicted(self, physical: FloatArray) -> ComplexArray:
+        """FRFs with errors of channels, (n_frequencies, n_outputs, n_inputs)."""
+        return self._state(*self._split_parameters(physical))[2]
+
+    def evaluated(self, physical: FloatArray) -> Evaluation:
+        """Predicted spectra and whitened residual at `physical` (n_params,), cached if small.
+
+        `physical` are the parameters of the structure, then those of channel errors.
+        """
+        at = self._evaluate(physical)
+        if at.is_small:
+            self._last.keep(physical, at)
+        return at
+
+    def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
+        """Evaluation at `physical`, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
+
+        `physical` are the parameters of the structure, then those of channel errors.
+        """
+        at, own = self._last.taken(physical) or self._evaluate(physical), physical[: self.parameters.n_params]
+        change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
+        if self.spectra.straight:
+            change = change + np.einsum("foi,oip->fop", at.aliased, self.mass_line.change(own))
+        return at, at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
+
+    @cached_property
+    def _last(self) -> LastEvaluation[Evaluation]:
+        """The derivative is asked for where a step was tried."""
+        return LastEvaluation()
+
+    def _state(
+        self, own: FloatArray, read: ComplexArray, stated: ComplexArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Motions under loads and transient forces, motions under unit forces at sensors, and FRFs with channel errors.
+
+        Shapes (n_frequencies, n_dofs, n_inputs + n_forces), (n_frequencies, n_dofs, n_outputs) and (n_frequencies, n_outputs,
+        n_inputs). `own` are the parameters of the structure; `read` (n_frequencies, n_outputs) and `stated` (n_frequencies,
+        n_inputs) are the factors of sensors and of load cells.
+        """
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        fields = self.response.fields_at(own, self.columns)
+        y = fields[:, :, n_in : n_in + n_out]
+        x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
+        h = readings_of(sparse.csr_array(self.columns[:, n_in : n_in + n_out].T), x[:, :, :n_in])
+        h = h * read[:, :, None] * (self.spectra.hold_factor[:, None] / stated)[:, None, :]
+        if self.spectra.straight:
+            h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(own)
+        return x, y, h
+
+    def _split_parameters(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+        """Parameters of the structure alone, factors of sensors and factors of load cells, from all `physical` parameters.
+
+        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs). `physical` is (n_own + n_errors,).
+        """
+        own, rest = np.split(physical, [self.parameters.n_params])
+        if self.errors is None:
+            return own, self.spectra.output_powers, self.spectra.input_powers
+        sensors, loads = self.errors.readings(rest, self.spectra.laplace)
+        return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
+
+    def _evaluate(self, physical: FloatArray) -> Evaluation:
+        """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
+
+        Nothing is kept from earlier calls.
+        """
+        spectra = self.spectra
+        own, read, stated = self._split_parameters(physical)
+        x, y, h = self._state(own, read, stated)
+        noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
+        diagonal = np.arange(len(spectra.outputs))
+        noise[:, diagonal, diagonal] += spectra.motion_variance
+        whitening = np.linalg.inv(np.linalg.cholesky(noise) / np.sqrt(2))
+        error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
+        reach = self.transient.reach(y, read)
+        whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
+        linear = eliminated_columns(self.transient.columns(whitening, whitened[:, :, 1:]))
+        left_over, explained = linear.project_out(whitened[:, :, 0].reshape(1, -1))
+        coefficients = -explained[:, 0]
+        # the likeliest forces as load cells read them, u - cov(u) H' C^-1 e, with e = L (data) of the whitened misfit
+        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ left_over.reshape(*error.shape, 1) / 2
+        force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
+        n = self.transient.forces.shape[1]
+        left = coefficients[:n] + self.transient.relative_laplace[:, None] * coefficients[n : 2 * n]
+        acting = force * self.spectra.hold_factor[:, None] / stated
+        motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
+        aliased = _alias_factors(self.spectra, read, stated) * force[:, None, :]
+        free = (reach @ left[:, :n, None])[:, :, 0]
+        data = stack_real(left_over[0])
+        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, linear, data)
+
+    def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
+        """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors).
+
+        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`. `physical` is
+        (n_own + n_errors,).
+        """
+        if self.errors is None:
+            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
+        rest, laplace = physical[self.parameters.n_params :], self.spectra.laplace
+        of_loads = np.einsum("foik,foi->fok", self.errors.log_slopes(rest, laplace), at.forced)
+        changes: ComplexArray = of_loads + self.errors.output_slopes(rest, laplace) * at.free[:, :, None]
+        return changes
+
+
+def _response(model: SpectraModel, frequency: FloatArray) -> Response:
+    """Receptance model of the structure at lines `frequency` (Hz), with each sensor place and direction once."""
+    distinct = tuple(dict.fromkeys(model.spectra.outputs))
+    shape = (len(frequency), len(distinct), len(model.spectra.inputs))
+    decay = np.full(shape[0], model.spectra.decay)
+    kind: FrfKind = "transmissibility" if model.spectra.driven.any() else "receptance"
+    place = FrfRecord(frequency, np.zeros(shape, complex), distinct, model.spectra.inputs, kind, decay=decay)
+    return response(model.structure, model.parameters, place, cache=model.cache)
+
+
+def _forces(model: SpectraModel) -> FloatArray:
+    """Force patterns M phi (n_dofs, n_modes) of modes up to twice the highest line, by which changes of state act.
+
+    No column without a transient. Driving supports carry no force.
+    """
+    known = model.response.slopes.structure
+    n_dofs = known.n_dofs
+    if model.order is None:
+        return np.zeros((n_dofs, 0))
+    mass, _ = model.start_matrices
+    found = model.start_modes
+    near = found.frequency <= _REACH * model.spectra.frequency[-1]
+    forces = np.zeros((n_dofs, int(near.sum())))
+    place = {code: i for i, code in enumerate(known.numbering.free)}
+    forces[[place[code] for code in model.structure.numbering.free]] = mass @ found.mode_shapes[:, near]
+    return forces
+
+
+def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
+    """Factor of the response far above all modes in H, errors of channels included."""
+    of_sensors = spectra.hold_aliases * read / spectra.output_powers
+    return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
+
+
+def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
+    """Linear unknowns prepared for elimination, from their `columns` (n_unknowns, n_complex), one in each row.
+
+    Normal equations are used if they lose at most half of the digits, else an orthonormal basis in place of the columns.
+
+    References
+    ----------
+    Demmel, Grigori, Hoemmen and Langou (2012), SIAM J. Sci. Comput. 34, A206-A239 (TSQR).
+    """
+    real = np.ascontiguousarray(columns).view(np.float64)
+    n = len(real)
+    if n == 0:
+        return EliminatedColumns(columns, np.zeros((0, 0)), np.zeros((0, 0)), 0)
+    gram = real @ real.T
+    size = np.sqrt(np.diag(gram))
+    safe = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(safe, safe))
+    if values[0] > _RESOLVED * values[-1]:
+        half = vectors / np.sqrt(values) / safe[:, None]
+        inverse = half @ half.T
+        return EliminatedColumns(columns, inverse, inverse, n)
+    basis, unknowns = _orthonormal(real.T / safe)
+    rank = basis.shape[1]
+    orthonormal = np.ascontiguousarray(basis.T).view(np.complex128)
+    return EliminatedColumns(orthonormal, np.eye(rank), unknowns / safe[:, None], rank)
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal basis Q (n_rows, rank) of the span of `columns`, and W (n, rank) with `columns` @ W = Q.
+
+    `columns` (n_rows, n) have similar norms.
+    """
+    n_rows, n = columns.shape
+    blocks = max(1, n_rows // max(_BLOCK_ROWS, 2 * n))
+    size = -(-n_rows // blocks)
+    padded = np.zeros((blocks * size, n))
+    padded[:n_rows] = columns
+    within, triangles = np.linalg.qr(padded.reshape(blocks, size, n))
+    between, triangle = np.linalg.qr(triangles.reshape(-1, n))
+    left, singular, right = np.linalg.svd(triangle)
+    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
+    across = (between @ left[:, :rank]).reshape(blocks, -1, rank)
+    return (within @ across).reshape(-1, rank)[:n_rows], right[:rank].T / singular[:rank]
 
 
 @dataclass(frozen=True, eq=False)

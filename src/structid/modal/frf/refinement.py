@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
+from structid.inversion.eliminated_problem import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.frf.residues import OUTSIDE, slopes, terms, weighted
 

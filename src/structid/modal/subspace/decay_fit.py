@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.inversion.eliminated_problem import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.linearization import solve_upper
-from structid.inversion.problems.eliminated import EliminatedProblem, NormalEquations, minimize_eliminated
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.modal.correlations import ScaledMotion, displacement_rows
 from structid.modal.modal_record import ModalRecord, by_frequency

@@ -10,10 +10,9 @@ import numpy as np
 from structid.core.errors import FileError, InputError, require_class
 from structid.files import damage_told, require_readable
 from structid.lazy import FormatModule
-from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.kept import keep_records, kept_or_read
 from structid.records.formats.logger_formats import LOGGERS, LoggerFormat
-from structid.records.formats.options import ReadOptions
+from structid.records.formats.options import CsvLayout, ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
 NPZ = FormatModule("structid.records.formats.npz", (".npz",))

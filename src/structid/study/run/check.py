@@ -41,8 +41,7 @@ from structid.inversion.posterior_draws import counted_draws, drawn_covariance, 
 from structid.inversion.uncertainty import relative_jacobian
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
-from structid.records.quality.spectral_checks import drifts
-from structid.records.quality.window_checks import leakage
+from structid.records.quality.spectral_checks import drifts, leakage
 from structid.study.run.run import is_matrix_free
 from structid.study.run.start import PreparedStudy, prepare_study
 from structid.study.schema.records.record import RecordSource, read_histories

@@ -14,7 +14,6 @@ from structid.core.arrays import FloatArray
 from structid.core.json_types import StoredEntry
 from structid.forward import FrfProblem
 from structid.inversion import JointProblem, Linearization, Minimum, Problem, minimize
-from structid.inversion.problems.wrapped import Wrapped
 from structid.inversion.search.least_squares import Method, Progress, SearchStateStore, State
 from structid.inversion.search.work import (
     Item,
@@ -26,6 +25,7 @@ from structid.inversion.search.work import (
     restored_minimum,
     stored_minimum,
 )
+from structid.inversion.wrapped_problem import Wrapped
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.workers import InProcess, Workers
 

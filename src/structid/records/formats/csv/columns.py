@@ -20,7 +20,6 @@ from structid.core.errors import FileError, InputError
 from structid.core.units import FrfUnit, parse_frequency_unit, parse_frf_unit
 from structid.records.formats.bare import require_same_rotation
 from structid.records.formats.clocks import SURE, Rate, even_rate, resample, resampling_remedy
-from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import as_date, is_axis
 from structid.records.formats.csv.table import Table
 from structid.records.formats.gaps import source_with_note
@@ -40,7 +39,7 @@ from structid.records.formats.named_channels import (
     record_of,
     scale_of_times,
 )
-from structid.records.formats.options import ReadOptions, layout_words, option_words
+from structid.records.formats.options import CsvLayout, ReadOptions, layout_words, option_words
 from structid.records.formats.selection import select_channels
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 

@@ -14,9 +14,8 @@ from typing import NamedTuple, overload
 from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
-from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
 from structid.records.formats.headers import bare_unit, ending_statistic, frequency_factor, marked_statistic
-from structid.records.formats.options import layout_words
+from structid.records.formats.options import SEPARATORS, CsvLayout, layout_words
 
 #: Headers of times, in small letters, as structid writes them and the like.
 _TIMES = ("time_s", "time [s]", "time (s)")

@@ -14,7 +14,6 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit
 from structid.files import require_readable
-from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import (
     Grid,
     Rows,
@@ -26,7 +25,7 @@ from structid.records.formats.csv.recognition import (
     recognise_layout,
 )
 from structid.records.formats.headers import bare_unit, frequency_factor, require_axis_unit
-from structid.records.formats.options import layout_words
+from structid.records.formats.options import CsvLayout, layout_words
 
 _FEW = 20
 #: Part of every second byte of UTF-16 text that is null at least, where the text is Latin.

@@ -20,9 +20,8 @@ from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions, select_channels
-from structid.records.formats.uff.axes import in_global_axes
+from structid.records.formats.uff.channels import SI_UNITS, UNKNOWN, channel_scale, dof_of, in_global_axes, whole_unit
 from structid.records.formats.uff.functions import Characteristics, Dataset58, one_axis_unit
-from structid.records.formats.uff.scales import SI_UNITS, UNKNOWN, channel_scale, dof_of, whole_unit
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.records.transforms.spectra import KINDS
 

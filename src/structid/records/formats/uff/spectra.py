@@ -25,7 +25,7 @@ from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import is_read_by
 from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.uff.axes import in_global_axes
+from structid.records.formats.uff.channels import QUANTITIES, UNKNOWN, channel_scale, dof_of, in_global_axes
 from structid.records.formats.uff.frf import AVERAGES
 from structid.records.formats.uff.functions import (
     Dataset58,
@@ -34,7 +34,6 @@ from structid.records.formats.uff.functions import (
     read_function,
     require_one_component,
 )
-from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
 from structid.records.spectrum import SpectrumRecord
 
 #: Function types: auto spectrum, cross spectrum, power spectral density.

@@ -20,9 +20,8 @@ from structid.records.formats.gaps import source_with_note, whole
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions
-from structid.records.formats.uff.axes import in_global_axes
+from structid.records.formats.uff.channels import SI_UNITS, channel_scale, dof_of, in_global_axes
 from structid.records.formats.uff.functions import Dataset58, one_axis_unit
-from structid.records.formats.uff.scales import SI_UNITS, channel_scale, dof_of
 from structid.records.record import Quantity, TimeRecord
 
 #: Difference allowed between a step of six digits, as the format stores it, and the true one.

@@ -12,7 +12,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import FileError
 from structid.records.formats.geometry import Geometry
-from structid.records.formats.uff.scales import DATA_TYPES, direction_of
+from structid.records.formats.uff.channels import DATA_TYPES, direction_of
 from structid.records.record import QUANTITY_UNITS, FrfRecord, TimeRecord
 
 _SIDES = {

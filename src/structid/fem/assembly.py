@@ -9,8 +9,8 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
-from structid.fem.matrices.contribution import MATRIX_KINDS
+from structid.fem.blocks import Blocks, ElementMatrices, index_kind
+from structid.fem.contribution import MATRIX_KINDS
 from structid.fem.structure import Structure
 
 #: Element matrices of which more than this part is not zero are taken as full: they join all their unknowns.

@@ -1,1 +1,0 @@
-"""Problems made of problems: several as one, with other data, with a parameter held."""
