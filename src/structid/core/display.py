@@ -134,7 +134,7 @@ def data_array(
         import xarray
     except ImportError as error:
         raise InputError("`xarray` must be installed for labelled arrays; `pip install 'structid[tables]'`") from error
-    labels = {axis: list(given) for axis, given in axes.items()}
+    labels = {axis: list(entries) for axis, entries in axes.items()}
     return xarray.DataArray(values, labels, tuple(axes), name, dict(about))
 
 

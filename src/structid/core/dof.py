@@ -160,7 +160,7 @@ def renamed(
         is_load = text.startswith(_LOAD)
         old, new = parse_dof(text.removeprefix(_LOAD)), parse_dof(other)
         if old.unsigned not in of_loads and (is_load or old.unsigned not in of_sensors):
-            known = ", ".join(dict.fromkeys(str(own) for own in (*sensors, *loads)))
+            known = ", ".join(dict.fromkeys(str(channel) for channel in (*sensors, *loads)))
             raise InputError(f"there is no {'load' if is_load else 'channel'} {old.place}; the record has {known}")
         chosen = wanted[is_load or old.unsigned not in of_sensors]
         if old.unsigned in chosen:

@@ -255,19 +255,20 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
             state[n:, :n] = np.eye(n)
             inverse, vectors = np.linalg.eig(state)
             still = np.concatenate([solved[:, 2 * n :], np.zeros((n, loads.shape[1]))])
-            found = _ModalFields((laplace - shift) / shift, inverse, vectors[:n], np.linalg.solve(vectors, still))
+            by_modes = _ModalFields((laplace - shift) / shift, inverse, vectors[:n], np.linalg.solve(vectors, still))
             near = shift * (1 + 1 / inverse[inverse != 0])
         else:
             solved = np.linalg.solve(shifted, np.concatenate([shift**2 * mass, loads], axis=1))
             inverse, vectors = np.linalg.eig(solved[:, :n])
             drive = np.linalg.solve(vectors, solved[:, n:])
-            found = _ModalFields(1 - (laplace / shift) ** 2, inverse, vectors, drive)
+            by_modes = _ModalFields(1 - (laplace / shift) ** 2, inverse, vectors, drive)
             near = shift * np.sqrt(1 - 1 / inverse[inverse != 0] + 0j)
     except np.linalg.LinAlgError:
         return None
     lines = _check_lines(np.abs(near.imag), laplace.imag)
     s = laplace[lines, None, None]
-    return found if _matches_direct_solution(found.at(lines), s**2 * mass + s * damping + stiffness, loads) else None
+    dynamic_stiffness = s**2 * mass + s * damping + stiffness
+    return by_modes if _matches_direct_solution(by_modes.at(lines), dynamic_stiffness, loads) else None
 
 
 def _matches_direct_solution(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:

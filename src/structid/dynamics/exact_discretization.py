@@ -135,9 +135,9 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
         return _step_in_blocks(transition, drive, start)
     states = np.empty((len(drive) + 1, *start.shape))
     states[0] = start
-    for k, given in enumerate(drive):
+    for k, input_change in enumerate(drive):
         np.matmul(transition, states[k], out=states[k + 1])
-        states[k + 1] += given
+        states[k + 1] += input_change
     return states
 
 

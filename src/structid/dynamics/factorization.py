@@ -259,9 +259,9 @@ def _load_library() -> ctypes.CDLL | str:
     """MKL runtime library, or the reason, as words, why it cannot be loaded."""
     folders = [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin", Path(sys.base_prefix) / "lib"]
     names = ("libmkl_rt.so*", "libmkl_rt*.dylib", "mkl_rt*.dll")
-    candidates = [str(path) for place in folders for name in names for path in sorted(place.glob(name))]
-    found = ctypes.util.find_library("mkl_rt")
-    for candidate in [*candidates, *([found] if found else [])]:
+    candidates = [str(path) for folder in folders for name in names for path in sorted(folder.glob(name))]
+    on_path = ctypes.util.find_library("mkl_rt")
+    for candidate in [*candidates, *([on_path] if on_path else [])]:
         try:
             library = ctypes.CDLL(candidate)
             _ = library.pardiso, library.MKL_Set_Num_Threads_Local
@@ -273,8 +273,8 @@ def _load_library() -> ctypes.CDLL | str:
 
 def mkl_problem() -> str:
     """Reason why PARDISO cannot be used here; "" if it can."""
-    found = _load_library()
-    return found if isinstance(found, str) else ""
+    library = _load_library()
+    return library if isinstance(library, str) else ""
 
 
 @cache

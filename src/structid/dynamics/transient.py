@@ -109,11 +109,11 @@ def sampled_transient(
     Van Loan (1978), IEEE Trans. Automatic Control 23, 395-404: integrals of the matrix exponential.
     """
     system = _modal_system(mass, stiffness, damping)
-    given = np.asarray(signals, dtype=np.float64)
+    samples = np.asarray(signals, dtype=np.float64)
     where = _dense(loads)
     require_shape("loads", where, (len(system.shapes), None))
-    require_shape("signals", given, (None, where.shape[1]), "one column a load")
-    require_finite("signals", given)
+    require_shape("signals", samples, (None, where.shape[1]), "one column a load")
+    require_finite("signals", samples)
     if not np.isfinite(sampling_rate) or sampling_rate <= 0:
         raise InputError(f"`sampling_rate` must be positive, got {sampling_rate!r} Hz")
     n, n_loads, step = len(system.natural), where.shape[1], 1 / sampling_rate
@@ -123,11 +123,13 @@ def sampled_transient(
     wide[n : 2 * n, 2 * n : 2 * n + n_loads] = system.shapes.T @ where * step
     wide[2 * n : 2 * n + n_loads, 2 * n + n_loads :] = np.eye(n_loads)
     power = linalg.expm(wide)[: 2 * n]
-    inputs = given[:-1] @ power[:, 2 * n : 2 * n + n_loads].T + np.diff(given, axis=0) @ power[:, 2 * n + n_loads :].T
-    states = np.zeros((len(given), 2 * n))
-    for k in range(len(given) - 1):
+    inputs = (
+        samples[:-1] @ power[:, 2 * n : 2 * n + n_loads].T + np.diff(samples, axis=0) @ power[:, 2 * n + n_loads :].T
+    )
+    states = np.zeros((len(samples), 2 * n))
+    for k in range(len(samples) - 1):
         states[k + 1] = power[:, : 2 * n] @ states[k] + inputs[k]
-    return system.motion(np.arange(len(given)) * step, states[:, :n] / scale, states[:, n:], given @ where.T)
+    return system.motion(np.arange(len(samples)) * step, states[:, :n] / scale, states[:, n:], samples @ where.T)
 
 
 def _dense(matrix: Matrix) -> FloatArray:

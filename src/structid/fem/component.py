@@ -94,11 +94,11 @@ class Component:
         InputError
             If there is no element set, or `up_to` is not a finite frequency above 0.
         """
-        given = (interface,) if isinstance(interface, str | Dof) else tuple(interface)
+        listed = (interface,) if isinstance(interface, str | Dof) else tuple(interface)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "elements", (elements,) if isinstance(elements, str) else tuple(elements))
         object.__setattr__(self, "up_to", float(up_to))
-        object.__setattr__(self, "interface", tuple(dof.unsigned for dof in parse_dofs(given)))
+        object.__setattr__(self, "interface", tuple(dof.unsigned for dof in parse_dofs(listed)))
         object.__setattr__(self, "whole", whole)
         if not self.elements:
             raise InputError(f"component {name!r} has no element sets; name them in `elements`")
@@ -196,15 +196,15 @@ def reductions(
         for name, own in properties_of_set.items()
     }
     tied = joined_codes([kept, _codes_in_ties(equations, joined_codes([*codes.values(), kept]))])
-    found = []
+    reduced = []
     for one in components:
         own = joined_codes([codes[name] for name in one.elements])
         others = [codes[name] for name in properties_of_set if name not in one.elements]
         joined = joined_codes([tied, _interface_codes(one, own, equations), *others])
-        found.append(
+        reduced.append(
             _reduce_component(one, {name: properties_of_set[name] for name in one.elements}, own, joined, constrained)
         )
-    return tuple(found)
+    return tuple(reduced)
 
 
 def _codes_in_ties(equations: DofEquations, used_codes: IntArray) -> IntArray:

@@ -290,7 +290,7 @@ def weigh_properties(
     length_dependences : mapping of str to LengthDependence
         By name of the element set, for those whose lengths depend on properties.
     """
-    found: list[Contribution] = []
+    contributions: list[Contribution] = []
     stiffness: dict[str, list[Contribution]] = {}
     blocks: dict[int, ElementMatrices] = {}  # properties with the same matrices share them
     for item in properties:
@@ -301,16 +301,16 @@ def weigh_properties(
             if id(matrix_term) not in blocks:
                 blocks[id(matrix_term)] = blocks_of(matrix_term)
             scale = _factor_of(properties, item.element, matrix_term, length_dependences)
-            found.append(Contribution(matrix_kind, blocks[id(matrix_term)], item.values, scale=scale))
+            contributions.append(Contribution(matrix_kind, blocks[id(matrix_term)], item.values, scale=scale))
             if matrix_kind == "stiffness" and item.term.kind != "axial_force":  # a force has no loss
-                stiffness.setdefault(item.element, []).append(found[-1])
+                stiffness.setdefault(item.element, []).append(contributions[-1])
     lost = [
         replace(part, matrix_kind="structural_damping", factor=item.values)
         for item in properties
         if item.term.kind == "loss_factor"
         for part in stiffness.get(item.element, [])
     ]
-    return (*found, *lost)
+    return (*contributions, *lost)
 
 
 def rigid_mass(

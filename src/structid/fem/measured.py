@@ -296,8 +296,8 @@ def _read_between(axis: FloatArray, values: ComplexArray, frequency: FloatArray)
     `values` (n_axis, n, n) belong to the increasing `axis` (n_axis,), which has four places or more.
     """
     near, weights = _cubic_weights(axis, frequency)
-    found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
-    return found
+    interpolated: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
+    return interpolated
 
 
 def _cubic_weights(axis: FloatArray, frequency: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -134,7 +134,7 @@ def nearest_nodes(
     for row, label in zip(positions, labels, strict=True):
         row[: len(nodes[label])] = nodes[label]
     reach = 0.01 * float(np.linalg.norm(np.ptp(positions, axis=0))) if tolerance is None else tolerance
-    found, distances = [], []
+    nearest, distances = [], []
     for point in points:
         away = np.linalg.norm(positions - np.asarray(point, dtype=np.float64), axis=1)
         best = int(away.argmin())
@@ -144,9 +144,9 @@ def nearest_nodes(
                 f"point ({words}) m is {away[best]:.3g} m from the nearest node {labels[best]}, farther than {reach:.3g} m;"
                 " correct it (m, in the coordinates of the structure), or give a larger `tolerance`"
             )
-        found.append(labels[best])
+        nearest.append(labels[best])
         distances.append(float(away[best]))
-    return NearestNodes(tuple(found), np.array(distances))
+    return NearestNodes(tuple(nearest), np.array(distances))
 
 
 @dataclass(frozen=True)

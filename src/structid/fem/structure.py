@@ -437,13 +437,13 @@ class Structure(Shown, StructurePlots):
         """
         if kind not in MATRIX_KINDS and not kind.startswith("friction:"):
             raise InputError(f"`kind` must be one of {', '.join(MATRIX_KINDS)}, got {kind!r}")
-        given = self.values if values is None else values
-        own = [part for part in self.contributions if part.matrix_kind == kind]
-        if own and self.n_dofs <= _SMALL:
-            return self._pattern(kind).summed(np.concatenate([part.weights(given) for part in own]))
+        properties = self.values if values is None else values
+        chosen = [part for part in self.contributions if part.matrix_kind == kind]
+        if chosen and self.n_dofs <= _SMALL:
+            return self._pattern(kind).summed(np.concatenate([part.weights(properties) for part in chosen]))
         total = sparse.csc_array((self.n_dofs, self.n_dofs))
-        for part in own:
-            total = total + part.blocks.assemble(part.weights(given))
+        for part in chosen:
+            total = total + part.blocks.assemble(part.weights(properties))
         return total
 
     def strain_operator(self, values: FloatArray) -> sparse.csr_array | None:
@@ -518,16 +518,16 @@ class Structure(Shown, StructurePlots):
         direction : {"X", "Y", "Z"}, optional
             By default the first translation in which the structure has any mass, active ones before others.
         """
-        given = self.values if values is None else values
-        return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[0]
+        properties = self.values if values is None else values
+        return rigid_mass(self.properties, properties, self._along(direction), self._length_dependences)[0]
 
     def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
         """Derivative of `mass_of` with respect to every property value, (n_values,), kg per unit of the value.
 
         Factors of matrix groups are included. `direction` and `values` are as in `mass_of`.
         """
-        given = self.values if values is None else values
-        return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[1]
+        properties = self.values if values is None else values
+        return rigid_mass(self.properties, properties, self._along(direction), self._length_dependences)[1]
 
     def _along(self, direction: str | None) -> Sequence[str]:
         """Translations in which mass is looked for."""

@@ -218,7 +218,7 @@ class Base:
 
     def moves(self, dof: Dof) -> bool:
         """True if `dof` is one of its supports."""
-        return any(own.unsigned == dof.unsigned for own in self.supports)
+        return any(support.unsigned == dof.unsigned for support in self.supports)
 
     @property
     def ties(self) -> tuple[Constraint, ...]:

@@ -69,7 +69,7 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     """
     import h5py
 
-    found: dict[str, StoredEntry] = {}
+    entries: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         """Note shape, type and position of the dataset `item` by its `name`; nothing of groups and of datasets without shape."""
@@ -79,19 +79,19 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
             whole = dtype == item.dtype and not text and not item.dtype.hasobject and _why_unusable(item) is None
             offset = item.id.get_offset() if whole and item.chunks is None else None
             form = f"|V{dtype.itemsize}" if dtype.hasobject else dtype.str
-            found[name] = [list(item.shape), "text" if text else form, offset]
+            entries[name] = [list(item.shape), "text" if text else form, offset]
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)
         file.visititems(note)
-    return found
+    return entries
 
 
 def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
     """Attributes of datasets, groups and the file itself that are texts or a few numbers, by ``path@name``."""
     import h5py
 
-    found: dict[str, StoredEntry] = {}
+    attributes: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         """Note the attributes of a dataset or group that are texts or a few numbers."""
@@ -100,15 +100,15 @@ def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
             entries = np.ravel(value).tolist() if np.size(value) <= _MOST_ENTRIES else []
             texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t for t in entries]
             if texts and all(isinstance(text, str) for text in texts):
-                found[f"{name}@{key}"] = texts
+                attributes[f"{name}@{key}"] = texts
             elif texts and np.asarray(value).dtype.kind in "fiu":
-                found[f"{name}@{key}"] = np.ravel(value)
+                attributes[f"{name}@{key}"] = np.ravel(value)
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)
         note("", file)
         file.visititems(note)
-    return found
+    return attributes
 
 
 def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
@@ -138,30 +138,30 @@ def matlab_73(path: str) -> dict[str, StoredEntry]:
     """Every variable of numbers or texts of the MAT file at `path` of version 7.3 (HDF5), by name."""
     import h5py
 
-    found: dict[str, StoredEntry] = {}
+    variables: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         """Read a variable, unless it is one of MATLAB's own groups."""
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             field = _read_field_73(item.file, item)
             if field is not None:
-                found[name.replace("/", ".")] = field
+                variables[name.replace("/", ".")] = field
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)
         file.visititems(note)
-    return found
+    return variables
 
 
 def matlab(path: str) -> dict[str, StoredEntry]:
     """Every variable of numbers or texts of the MAT file at `path` before version 7.3, by name; sparse matrices as parts."""
     from scipy.io import loadmat
 
-    found: dict[str, StoredEntry] = {}
+    variables: dict[str, StoredEntry] = {}
     for name, value in loadmat(path).items():
         if not name.startswith("__"):
-            _note_matlab(found, name, value)
-    return found
+            _note_matlab(variables, name, value)
+    return variables
 
 
 def _note_matlab(variables: dict[str, StoredEntry], name: str, value: np.ndarray | sparse.csc_array) -> None:

@@ -85,7 +85,7 @@ class ChannelErrors(NamedUnknowns):
 
         A channel with the same degree of freedom, in either direction, keeps its errors; one that only `record` has gets none.
         """
-        outputs, inputs = (_places(own, other) for own, other in
+        outputs, inputs = (_places(channels, other) for channels, other in
                            ((self.outputs, record.outputs), (self.inputs, record.inputs)))  # fmt: skip
         return replace(
             self, outputs=record.outputs, inputs=record.inputs,
@@ -95,7 +95,7 @@ class ChannelErrors(NamedUnknowns):
 
     def rows(self, kind: str) -> IntArray:
         """Indices of the parameters of that kind."""
-        return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
+        return np.array([i for i, parameter_kind in enumerate(self.kinds) if parameter_kind == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Complex factors from true to read values: of sensors (n_frequencies, n_outputs) and of load cells (..., n_inputs).
@@ -254,8 +254,8 @@ def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
     `chosen` are the channel indices of each parameter.
     """
     made = np.zeros((len(chosen), n_channels), dtype=bool)
-    for row, own in zip(made, chosen, strict=True):
-        row[list(own)] = True
+    for row, members in zip(made, chosen, strict=True):
+        row[list(members)] = True
     return locked(made)
 
 
@@ -346,23 +346,23 @@ def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, 
     texts = (given,) if isinstance(given, str) else tuple(given)
     if texts == (_ALL,):
         return tuple(range(len(channels)))
-    own = [dof.unsigned for dof in channels]
-    found = []
+    unsigned = [dof.unsigned for dof in channels]
+    indices = []
     for text in texts:
         dof = parse_dof(text).unsigned
-        if dof not in own:
+        if dof not in unsigned:
             words = [str(channel) for channel in channels]
             near = difflib.get_close_matches(str(text), words, 1, 0.0)
             raise InputError(
                 f"`{key}` must name channels of the record, got {text!r}"
                 + (f"; the nearest is {near[0]}" if near else "")
             )
-        if own.count(dof) > 1:
+        if unsigned.count(dof) > 1:
             raise InputError(
                 f"`{key}` names {text}, which several channels read; an error belongs to one of them alone"
             )
-        found.append(own.index(dof))
-    return tuple(dict.fromkeys(found))
+        indices.append(unsigned.index(dof))
+    return tuple(dict.fromkeys(indices))
 
 
 def _require_distinct(groups: list[_Group]) -> None:

@@ -76,11 +76,11 @@ def _with_gain(problem: RecordProblem, measured: ChannelsOfRecord, tolerance: fl
     `record` is the name of the record in that of the gain.
     """
     common = channel_errors(measured, [ChannelUnknown("gain", "all", name="all")])
-    own = channel_errors(measured, []) if problem.channels is None else problem.channels
+    errors = channel_errors(measured, []) if problem.channels is None else problem.channels
     return replace(
-        _append_unknowns(own, _unit_factors([f"calibration[{record}]"], ["gain"], [tolerance])),
-        of_outputs=locked(np.concatenate([own.of_outputs, common.of_outputs]), bool),
-        of_inputs=locked(np.concatenate([own.of_inputs, common.of_inputs]), bool),
+        _append_unknowns(errors, _unit_factors([f"calibration[{record}]"], ["gain"], [tolerance])),
+        of_outputs=locked(np.concatenate([errors.of_outputs, common.of_outputs]), bool),
+        of_inputs=locked(np.concatenate([errors.of_inputs, common.of_inputs]), bool),
     )
 
 

@@ -78,7 +78,7 @@ def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem,
         for scatter in problem.parameters.scatters:
             if scatter.own:
                 members.setdefault(scatter.name, []).append(problem)
-    return tuple(_scatter_problem(name, own) for name, own in members.items())
+    return tuple(_scatter_problem(name, tied) for name, tied in members.items())
 
 
 def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterProblem:
@@ -92,7 +92,7 @@ def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterPro
         place = {label: i for i, label in enumerate(problem.parameters.names)}
         for label in (*scatter.common, *scatter.own):
             where.setdefault(label, (problem.parameters, place[label]))
-    pairs = [pair for one in scatters for pair in zip(one.common, one.own, strict=True)]
+    pairs = [pair for scatter in scatters for pair in zip(scatter.common, scatter.own, strict=True)]
     names = (*dict.fromkeys(common for common, _ in pairs), *(own for _, own in pairs))
     column = {label: i for i, label in enumerate(names)}
     matrix = np.zeros((len(pairs), len(names)))
@@ -101,15 +101,15 @@ def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterPro
     origin = [where[label] for label in names]
     named = NamedUnknowns(
         names=names,
-        kinds=tuple(one.kinds[i] for one, i in origin),
-        units=tuple(one.units[i] for one, i in origin),
-        start=locked([one.start[i] for one, i in origin], float),
+        kinds=tuple(unknowns.kinds[i] for unknowns, i in origin),
+        units=tuple(unknowns.units[i] for unknowns, i in origin),
+        start=locked([unknowns.start[i] for unknowns, i in origin], float),
         transforms=Transforms(
-            tuple(one.transforms.kinds[i] for one, i in origin),
-            locked([one.transforms.lower[i] for one, i in origin], float),
-            locked([one.transforms.upper[i] for one, i in origin], float),
+            tuple(unknowns.transforms.kinds[i] for unknowns, i in origin),
+            locked([unknowns.transforms.lower[i] for unknowns, i in origin], float),
+            locked([unknowns.transforms.upper[i] for unknowns, i in origin], float),
         ),
         priors=no_priors(len(names)),
-        scale=locked([one.scale[i] for one, i in origin], float),
+        scale=locked([unknowns.scale[i] for unknowns, i in origin], float),
     )
     return ScatterProblem(named, Coupling(name, matrix, np.zeros(len(pairs)), logarithmic=True), scatters[0].std)

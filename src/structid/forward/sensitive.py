@@ -86,7 +86,7 @@ def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[Sensi
     families: dict[int, list[int]] = {}
     for member, part in enumerate(structure.contributions):
         families.setdefault(id(part.blocks), []).append(member)
-    found = []
+    sensitive = []
     for members in families.values():
         masks = []
         for member in members:
@@ -95,8 +95,8 @@ def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[Sensi
         rows = np.flatnonzero(np.any(masks, axis=0))
         used = tuple(m for m, mask in zip(members, masks, strict=True) if mask.any())
         if len(rows):
-            found.append(SensitiveElements(structure.contributions[members[0]].blocks.take(rows), rows, used))
-    return tuple(found)
+            sensitive.append(SensitiveElements(structure.contributions[members[0]].blocks.take(rows), rows, used))
+    return tuple(sensitive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def weighted_elements(
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
     counts = np.diff(design.indptr)
-    found: dict[tuple[int, int, int], tuple[ElementMatrices, sparse.csr_array, list[tuple[str, float]]]] = {}
+    groups: dict[tuple[int, int, int], tuple[ElementMatrices, sparse.csr_array, list[tuple[str, float]]]] = {}
     members: list[tuple[int, IntArray]] = []
     variable: list[FloatArray] = []
     for number, group in enumerate(sensitive):
@@ -168,12 +168,12 @@ def weighted_elements(
                 other += item.scale.touched(counts > 0)[group.rows].sum()
             simple = np.ptp(factor) == 0 and not other
             key = (number, item.first, -1 if simple else member)
-            if key not in found:
+            if key not in groups:
                 slope = design[item.value] if simple else weight_slope(item, unknown, weights)
-                found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])
+                groups[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])
                 members.append((member, group.rows))
-                variable += [] if simple else [found[key][1].data]
-            found[key][2].append((item.matrix_kind, float(factor[0]) if simple else 1.0))
-    kinds = {uses: kind for kind, uses in enumerate(dict.fromkeys(tuple(uses) for _, _, uses in found.values()))}
-    parts = tuple(WeightedElements(blocks, slope, kinds[tuple(uses)]) for blocks, slope, uses in found.values())
+                variable += [] if simple else [groups[key][1].data]
+            groups[key][2].append((item.matrix_kind, float(factor[0]) if simple else 1.0))
+    kinds = {uses: kind for kind, uses in enumerate(dict.fromkeys(tuple(uses) for _, _, uses in groups.values()))}
+    parts = tuple(WeightedElements(blocks, slope, kinds[tuple(uses)]) for blocks, slope, uses in groups.values())
     return WeightedParts(parts, tuple(members), tuple(kinds), tuple(variable))

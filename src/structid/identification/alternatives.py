@@ -175,10 +175,10 @@ def deciding_measurement(
     """
     if not problem.structure.has_modes:
         return None
-    own = values[:, indices_of(names, problem.names)]
+    of_problem = values[:, indices_of(names, problem.names)]
     n_measured = problem.data.measured.size if compares_modes(problem) else 0
     count = max(n_measured, 1) + _MODES_BEYOND
-    sets = [structure_modes(problem.structure, problem.property_values(each), count) for each in own]
+    sets = [structure_modes(problem.structure, problem.property_values(each), count) for each in of_problem]
     n_modes = min(len(each.frequency) for each in sets)
     candidates = [_shape_candidate(problem.structure.dofs, sets, mode) for mode in range(n_modes)]
     if n_measured:

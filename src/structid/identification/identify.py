@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from structid.forward.scatter import scatter_problems
 from structid.identification.alternatives import alternatives
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, scale_from_force
-from structid.identification.fits.record_fit import FittedUnknowns
+from structid.identification.fits.record_fit import FittedUnknowns, RecordFit
 from structid.identification.identified import Identification, MassEstimate, PriorSummary
 from structid.identification.joint_problem import first_values, freed_problems, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
@@ -31,6 +32,9 @@ from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import begun_at
+
+if TYPE_CHECKING:
+    from structid.identification.fits.modal_fit import ModalFit
 
 __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_together"]
 
@@ -136,47 +140,48 @@ def identify_together(
     outcome = search_parameters(setups, problems, chosen, progress, work, near)
     problems, target = outcome.problems, outcome.target
     freed = () if outcome.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
-    found = outcome.estimate.with_initial(first_values(outcome.estimate.names, initial, lambda part: part.start))
-    if found.goodness.residual_tests is not None and target is not None:
-        tests = found.goodness.residual_tests.named(_series_names(setups, problems))
-        found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
-    ends = parameter_intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
-    seen = list(
-        zip(setups, titles(setups), problems, [_fitted_unknowns(problem, found) for problem in problems], strict=True)
+    estimate = outcome.estimate.with_initial(first_values(outcome.estimate.names, initial, lambda part: part.start))
+    if estimate.goodness.residual_tests is not None and target is not None:
+        tests = estimate.goodness.residual_tests.named(_series_names(setups, problems))
+        estimate = replace(estimate, goodness=replace(estimate.goodness, residual_tests=tests))
+    ends = parameter_intervals(target or problems[0], estimate, chosen.intervals, seed=chosen.seed, work=work)
+    fitted = [_fitted_unknowns(problem, estimate) for problem in problems]
+    records = list(zip(setups, titles(setups), problems, fitted, strict=True))
+    fits = [setup.response_fit(title, problem, unknowns, chosen) for setup, title, problem, unknowns in records]
+    modal_fits = [setup.modal_fit(title, problem, unknowns, chosen) for setup, title, problem, unknowns in records]
+    of_reduction = [setup.truncation(problem, unknowns.theta) for setup, _, problem, unknowns in records]
+    truncations = tuple(
+        replace(truncation, words=prefix + truncation.words)
+        for prefix, truncation in zip(prefixes(setups), of_reduction, strict=True)
+        if truncation is not None
     )
-    fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
-    modal_fits = [setup.modal_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
-    lost = [setup.truncation(problem, own.theta) for setup, _, problem, own in seen]
-    pairs = zip(prefixes(setups), lost, strict=True)
-    truncations = tuple(replace(one, words=prefix + one.words) for prefix, one in pairs if one is not None)
-    warnings = [one.warning for one in truncations if one.warning]
-    warnings += prepared_warnings(setups, prepared)
-    warnings += [
-        prefix + words
-        for told in ([fit.warnings if fit else () for fit in fits], [fit.warnings if fit else () for fit in modal_fits])
-        for prefix, own in zip(prefixes(setups), told, strict=True)
-        for words in own
-    ]  # fmt: skip
-    warnings += [fit.outvoted for fit in modal_fits if fit is not None and len(setups) == 1 and fit.outvoted]
-    is_scaled = all(problem.facts.measures_force for problem in problems)
-    scale_free = None if target is None or is_scaled else ratios(target, found)
-    share = shares(target, found)
-    away = ran_away(found, problems)
+    measures_force = all(problem.facts.measures_force for problem in problems)
+    scale_free = None if target is None or measures_force else ratios(target, estimate)
+    prior_fraction = shares(target, estimate)
+    runaways = ran_away(estimate, problems)
     remedy = "check what holds it, give it bounds or a prior, or fix it"
-    warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
-    warnings += [] if scale_free is None else [scale_free.words]
-    warnings += unused_damping(problems, found.names, found.kinds, found.identified)
-    warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, outcome.regularizations, share)]
-    mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
+    warnings = (
+        *(truncation.warning for truncation in truncations if truncation.warning),
+        *prepared_warnings(setups, prepared),
+        *_fit_warnings(setups, fits),
+        *_fit_warnings(setups, modal_fits),
+        *(fit.outvoted for fit in modal_fits if fit is not None and len(setups) == 1 and fit.outvoted),
+        *(f"{ran_away_words(estimate, index)}; {remedy}" for index in runaways),
+        *(() if scale_free is None else (scale_free.words,)),
+        *unused_damping(problems, estimate.names, estimate.kinds, estimate.identified),
+        *estimate_warnings(estimate),
+        *regularization_warnings(problems, estimate, outcome.regularizations, prior_fraction),
+    )
+    mass, std = total_mass(problems[0], estimate, chosen.direction, freed[0] if freed else None)
     priors = PriorSummary(
-        mean=first_values(found.names, problems, lambda part: part.priors.mean),
-        std=first_values(found.names, problems, lambda part: part.priors.std),
-        variance_fraction=share,
+        mean=first_values(estimate.names, problems, lambda part: part.priors.mean),
+        std=first_values(estimate.names, problems, lambda part: part.priors.std),
+        variance_fraction=prior_fraction,
         regularizations=outcome.regularizations,
         varied=outcome.varied,
     )
     return Identification(
-        estimate=found,
+        estimate=estimate,
         fits=tuple(fit for fit in fits if fit is not None),
         modal_fits=tuple(fit for fit in modal_fits if fit is not None),
         problems=problems,
@@ -186,18 +191,27 @@ def identify_together(
             total=mass,
             std=std,
             ratios=scale_free,
-            scale_from_force=target is not None and scale_from_force(problems, found),
+            scale_from_force=target is not None and scale_from_force(problems, estimate),
         ),
-        warnings=tuple(warnings),
+        warnings=warnings,
         intervals=ends,
-        ran_away=away,
+        ran_away=runaways,
         truncations=truncations,
-        missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found, freed),
+        missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, estimate, freed),
         freed=freed,
         setups=tuple(setups),
         options=chosen,
-        alternatives=alternatives(found, problems, outcome.without_priors),
+        alternatives=alternatives(estimate, problems, outcome.without_priors),
     )
+
+
+def _fit_warnings(setups: Sequence[AnySetup], fits: Sequence[RecordFit | ModalFit | None]) -> list[str]:
+    """Warnings of the fits to records, in the order of the set-ups, with the title of the record where there are several.
+
+    `fits` has an entry for each set-up, None where the record has no fit of that kind.
+    """
+    pairs = [(prefix, fit) for prefix, fit in zip(prefixes(setups), fits, strict=True) if fit is not None]
+    return [prefix + words for prefix, fit in pairs for words in fit.warnings]
 
 
 def _checked_setups(setups: Iterable[AnySetup], options: IdentifyOptions) -> tuple[AnySetup, ...]:
@@ -236,8 +250,8 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
     With several records the title of the record comes first.
     """
     pairs = zip(prefixes(setups), problems, strict=True)
-    own = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
-    return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
+    channels = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
+    return channels + [f"scatter of {scatter.name}" for scatter in scatter_problems(problems)]
 
 
 def _fitted_unknowns(problem: RecordProblem, estimate: Estimate) -> FittedUnknowns:
@@ -246,11 +260,11 @@ def _fitted_unknowns(problem: RecordProblem, estimate: Estimate) -> FittedUnknow
     After a linear fit, which has no free variables, they are made from the values; a value out of range takes that of the
     start.
     """
-    place = indices_of(estimate.names, problem.names)
-    values, theta = estimate.values[place], estimate.theta[place]
+    indices = indices_of(estimate.names, problem.names)
+    values, theta = estimate.values[indices], estimate.theta[indices]
     if estimate.parameters.slope is None:
         theta = begun_at(problem.unknowns, dict(zip(estimate.names, estimate.values.tolist(), strict=True))).theta_start
-    return FittedUnknowns(theta, values, estimate.initial[place])
+    return FittedUnknowns(theta, values, estimate.initial[indices])
 
 
 def total_mass(
@@ -300,6 +314,6 @@ def mass_deviation(
     """
     variance = float(covariance.variance(row)[0])
     if fixed is not None:
-        own = np.array([held.get(name, 0.0) for name in fixed.names]) * fixed.error
-        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(fixed.slope * fixed.error))[0])
+        changes = np.array([held.get(name, 0.0) for name in fixed.names]) * fixed.error
+        variance += float(changes @ changes + 2 * changes @ (row @ np.nan_to_num(fixed.slope * fixed.error))[0])
     return float(np.sqrt(max(variance, 0.0)))

@@ -87,8 +87,8 @@ def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage:
 
 def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
     """Indices in `names` of the names `wanted`."""
-    place = {name: i for i, name in enumerate(names)}
-    return np.array([place[name] for name in wanted], dtype=int)
+    index_of = {name: i for i, name in enumerate(names)}
+    return np.array([index_of[name] for name in wanted], dtype=int)
 
 
 def first_values(

@@ -123,13 +123,14 @@ def judge_pieces(
         finer_rows = finer.residual(theta[columns])[: finer.n_data]
     except (InputError, SingularModelError, np.linalg.LinAlgError) as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
-    at = problem.linearize(theta)
-    step = shift_of_minimum(at.jacobian, finer_rows - at.residual[: finer.n_data])  # priors know no mesh
+    linearization = problem.linearize(theta)
+    misfit_change = finer_rows - linearization.residual[: finer.n_data]  # priors know no mesh
+    step = shift_of_minimum(linearization.jacobian, misfit_change)
     deviation = _deviation(identification)
     deviations_per_theta = problem.slope(theta) / np.where(deviation > 0, deviation, np.nan)
     finer_minimum: dict[str, float] = {}
     if _largest(step * deviations_per_theta) >= MOVED:
-        followed = _followed_shift(finer, columns, theta, at, deviations_per_theta)
+        followed = _followed_shift(finer, columns, theta, linearization, deviations_per_theta)
         if followed is not None:
             step = followed
             finer_minimum = dict(zip(problem.names, (theta + np.nan_to_num(step)).tolist(), strict=True))

@@ -178,12 +178,12 @@ def _regularize_by_draws(
     def made(strengths: Sequence[float]) -> Problem:
         return joint_problem(regularized_problems(strengths))
 
-    given = tuple(term.given for term in terms)
+    stated = tuple(term.given for term in terms)
     unregularized = made([1.0] * len(terms))
     differences = [_differences(coupling, len(unregularized.names)) for coupling in unit]
     theta = np.asarray(unregularized.theta_start)
-    strengths = balanced_strengths(unregularized, theta, differences, given)
-    if None not in given:
+    strengths = balanced_strengths(unregularized, theta, differences, stated)
+    if None not in stated:
         regularizations = [
             _applied_regularization(term, part.target, s, True)
             for term, part, s in zip(terms, unit, strengths, strict=True)
@@ -192,7 +192,7 @@ def _regularize_by_draws(
     if options.pole_free_start:
         theta = _run_first_stages(regularized_problems(strengths), method, theta, progress, work)
     told = named(progress, "strength of smoothness")
-    found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
+    found = settled_strengths(made, differences, stated, strengths, theta, options.seed, told, work.minimize)
     regularizations = [
         _applied_regularization(term, part.target, s, found.converged, count)
         for term, part, s, count in zip(terms, unit, found.strengths, found.determined, strict=True)
@@ -213,21 +213,21 @@ def _regularize_by_local_models(
     theta = np.array(search.problem.theta_start)
     if options.pole_free_start:
         theta = _run_first_stages(search.regularized_problems(begun, search.start), method, theta, progress, work)
-    found = settled(search.refit, search.model, search.choose, theta, search.start)
+    answer = settled(search.refit, search.model, search.choose, theta, search.start)
     n_terms = len(search.terms)
     regularizations = tuple(
-        _applied_regularization(term, part.residual, strength, found.converged)
+        _applied_regularization(term, part.residual, strength, answer.converged)
         for term, part, strength in zip(
-            search.terms, found.model.penalties[:n_terms], found.strengths[:n_terms], strict=True
+            search.terms, answer.model.penalties[:n_terms], answer.strengths[:n_terms], strict=True
         )
     )
     scatters = {
-        one.name: found_scatter(
-            _with_penalties_as_data(found.model, [k], found.strengths), [float(found.strengths[k])], 0
+        scatter.name: found_scatter(
+            _with_penalties_as_data(answer.model, [k], answer.strengths), [float(answer.strengths[k])], 0
         )
-        for k, one in enumerate(search.scatters, n_terms)
+        for k, scatter in enumerate(search.scatters, n_terms)
     }
-    return Regularized(search.regularized_problems(problems, found.strengths), regularizations, scatters=scatters)
+    return Regularized(search.regularized_problems(problems, answer.strengths), regularizations, scatters=scatters)
 
 
 def _run_first_stages(
@@ -311,9 +311,9 @@ class _Search:
 
         Given strengths of smoothness, else those at which data and penalty weigh the same; for a scatter 1 / std^2.
         """
-        at = self.model(np.array(self.problem.theta_start))
-        terms = [at.balance(k) if t.is_sparse or t.given is None else t.given for k, t in enumerate(self.terms)]
-        return (*terms, *(one.std**-2 for one in self.scatters))
+        model = self.model(np.array(self.problem.theta_start))
+        terms = [model.balance(k) if t.is_sparse or t.given is None else t.given for k, t in enumerate(self.terms)]
+        return (*terms, *(scatter.std**-2 for scatter in self.scatters))
 
     def regularized_problems(
         self, problems: Sequence[RecordProblem], strengths: Strengths
@@ -346,11 +346,11 @@ class _Search:
         together = [k for k, t in enumerate(self.terms) if not t.is_sparse and t.rule == "marginal_likelihood"]
         together += range(len(self.terms), len(strengths))
         if together:
-            found = marginal_likelihood_strengths(
+            together_strengths = marginal_likelihood_strengths(
                 _with_penalties_as_data(model, together, strengths),
                 tuple(float(np.asarray(strengths[k])) for k in together),
             )
-            for k, strength in zip(together, found, strict=True):
+            for k, strength in zip(together, together_strengths, strict=True):
                 made[k] = strength
         for k, term in enumerate(self.terms):
             if term.is_sparse:
@@ -367,10 +367,10 @@ class _Search:
 
         They are chosen by the data, or follow from the strength that the study states; see `absolute_strengths`.
         """
-        given = self.terms[index].given
-        if given is None:
+        stated = self.terms[index].given
+        if stated is None:
             return sparse_strengths(model, index, strengths)
-        return absolute_strengths(model, index, strengths, given, _SMOOTHING)
+        return absolute_strengths(model, index, strengths, stated, _SMOOTHING)
 
 
 def _with_penalties_as_data(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:

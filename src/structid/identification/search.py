@@ -256,7 +256,9 @@ class PolarityTrials:
     def begun(cls, problems: Sequence[RecordProblem], near: Mapping[str, float]) -> PolarityTrials:
         """Trials that begin with the polarities of the initial model, or of that with the free variables `near`, by name."""
         starts = [
-            np.array([near.get(name, own) for name, own in zip(problem.names, problem.theta_start, strict=True)])
+            np.array(
+                [near.get(name, initial) for name, initial in zip(problem.names, problem.theta_start, strict=True)]
+            )
             for problem in problems
         ]
         return cls([tuple(map(decide_polarities, problems, starts))])

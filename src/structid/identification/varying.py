@@ -123,11 +123,11 @@ def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[R
         If fewer than three records have it, or they state different scatters.
     """
     counts: dict[str, int] = {}
-    given: dict[str, float | None] = {}
+    stated: dict[str, float | None] = {}
     for problem in problems:
         for scatter in problem.parameters.scatters:
             counts[scatter.name] = counts.get(scatter.name, 0) + 1
-            if given.setdefault(scatter.name, scatter.given) != scatter.given:
+            if stated.setdefault(scatter.name, scatter.given) != scatter.given:
                 raise InputError(f"`varies` of {scatter.name} must be the same in all set-ups, got two; state it alike")
     for name, count in counts.items():
         if count < FEWEST_RECORDS:
@@ -151,8 +151,8 @@ def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -
 
 def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
     """Scatters whose size the data choose."""
-    given = {scatter.name for p in problems for scatter in p.parameters.scatters if scatter.given is not None}
-    return tuple(one for one in scatter_problems(problems) if one.name not in given)
+    stated = {scatter.name for p in problems for scatter in p.parameters.scatters if scatter.given is not None}
+    return tuple(scatter for scatter in scatter_problems(problems) if scatter.name not in stated)
 
 
 def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
@@ -170,9 +170,9 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
     grid = grid[grid <= _MOST]
     log_weight, fits = [], []
     for std in grid:
-        at = tuple(float(std**-2) if k == index else s for k, s in enumerate(strengths))
-        log_weight.append(log_evidence(model, at) + float(np.log(std)))
-        fits.append(model.solved(at))
+        trial = tuple(float(std**-2) if k == index else s for k, s in enumerate(strengths))
+        log_weight.append(log_evidence(model, trial) + float(np.log(std)))
+        fits.append(model.solved(trial))
     weight = np.exp(np.array(log_weight) - max(log_weight))
     weight /= weight.sum()
     ends = np.exp(np.interp([0.025, 0.975], np.cumsum(weight) - weight / 2, np.log(grid)))
@@ -216,15 +216,15 @@ def varied(
     groups = scatter_problems(problems)
     if not groups:
         return ()
-    place = {name: i for i, name in enumerate(estimate.names)}
+    index_of = {name: i for i, name in enumerate(estimate.names)}
     made, chances = [], []
     for group in groups:
-        used = np.array([place[name] for name in group.names])
+        used = np.array([index_of[name] for name in group.names])
         residual, rows = group.coupling.rows(estimate.values[used])
         covariance = estimate.spread.covariance_noise[np.ix_(used, used)]
         variance = np.einsum("kp,pq,kq->k", rows, covariance, rows)
         chances.append(_p_values(residual, group.std, variance, is_known=group.name not in more))
-        own = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]
+        names = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]
         common = [group.names[int(np.argmin(row))] for row in group.coupling.matrix]
         found_here = more.get(group.name)
         made.append(
@@ -234,14 +234,16 @@ def varied(
                 scatter=group.std,
                 interval=(np.nan, np.nan) if found_here is None else found_here.interval,
                 common=tuple(common),
-                own=tuple(own),
-                records=tuple(a.removeprefix(b + OF_RECORD) for a, b in zip(own, common, strict=True)),
+                own=tuple(names),
+                records=tuple(a.removeprefix(b + OF_RECORD) for a, b in zip(names, common, strict=True)),
                 deviations=locked(residual / group.std),
                 p_values=locked(chances[-1]),
             )
         )
-    corrected = np.split(adjusted_p_values(np.concatenate(chances)), np.cumsum([len(one) for one in chances])[:-1])
-    return tuple(replace(one, p_values=locked(p)) for one, p in zip(made, corrected, strict=True))
+    corrected = np.split(
+        adjusted_p_values(np.concatenate(chances)), np.cumsum([len(chance) for chance in chances])[:-1]
+    )
+    return tuple(replace(parameter, p_values=locked(p)) for parameter, p in zip(made, corrected, strict=True))
 
 
 def _p_values(residual: FloatArray, std: float, variance: FloatArray, is_known: bool) -> FloatArray:
@@ -258,11 +260,11 @@ def _p_values(residual: FloatArray, std: float, variance: FloatArray, is_known: 
         chance = 2 * special.ndtr(-score)
     else:
         weight, n = np.where(seen, explained, 0.0) / std**2, int(seen.sum())
-        own, freedom = np.minimum(weight * n / max(n - 1, 1), 1.0), float(weight.sum())
-        rest = np.maximum(freedom - own, 1e-3)
+        weights, freedom = np.minimum(weight * n / max(n - 1, 1), 1.0), float(weight.sum())
+        rest = np.maximum(freedom - weights, 1e-3)
         others = np.maximum(
-            (freedom - own * score**2) / rest, 1e-9
+            (freedom - weights * score**2) / rest, 1e-9
         )  # the scatter's variance without the value, in parts
-        degrees = max(freedom - 1, 0.5) / np.where(seen, own, 1.0) ** 2
-        chance = 2 * special.stdtr(degrees, -score / np.sqrt(1 + own * (others - 1)))
+        degrees = max(freedom - 1, 0.5) / np.where(seen, weights, 1.0) ** 2
+        chance = 2 * special.stdtr(degrees, -score / np.sqrt(1 + weights * (others - 1)))
     return np.where(seen, chance, np.nan)

@@ -49,8 +49,8 @@ def unidentified_warnings(estimate: Estimate) -> list[str]:
         return [words] if lost.size else []
     where = ["at the initial values " if estimate.std[i] <= abs(estimate.values[i]) else "" for i in lost]
     return [
-        f"{estimate.names[i]} is not identified: {at}its standard deviation is larger than its value"
-        for i, at in zip(lost, where, strict=True)
+        f"{estimate.names[i]} is not identified: {when}its standard deviation is larger than its value"
+        for i, when in zip(lost, where, strict=True)
     ]
 
 

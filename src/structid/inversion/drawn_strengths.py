@@ -131,10 +131,10 @@ def settled_strengths(
     done = 0
     for _ in range(_MOST_ROUNDS):
         problem = make_problem(strengths)
-        found = search(problem, _LOOSE, theta, None if progress is None else partial(_later, progress, done))
-        theta, done = found.theta, done + len(found.inner)
-        at = cast(OperatorLinearization, found.linearization)
-        determined = _determined(problem, at, theta, terms, strengths, seed)
+        minimum = search(problem, _LOOSE, theta, None if progress is None else partial(_later, progress, done))
+        theta, done = minimum.theta, done + len(minimum.inner)
+        linearization = cast(OperatorLinearization, minimum.linearization)
+        determined = _determined(problem, linearization, theta, terms, strengths, seed)
         if not np.isfinite(determined).all():
             return SettledStrengths(strengths, determined, theta, False)
         physical, before = problem.physical(theta), strengths
@@ -163,12 +163,12 @@ def balanced_strengths(
     """
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
-    at, slope, physical = problem.linearize_operator(theta), problem.slope(theta), problem.physical(theta)
+    linearization, slope, physical = problem.linearize_operator(theta), problem.slope(theta), problem.physical(theta)
     made = []
     for term, value in zip(terms, given, strict=True):
         rows = term.jacobian(physical) @ sparse.diags_array(slope)
-        own = float(rows.multiply(rows).sum())
-        made.append(float(at.data_squares[term.members].sum()) / own if value is None else value)
+        information = float(rows.multiply(rows).sum())
+        made.append(float(linearization.data_squares[term.members].sum()) / information if value is None else value)
     return tuple(max(value, np.finfo(float).tiny) for value in made)
 
 

@@ -421,10 +421,10 @@ class Estimate(Shown):
         theta = np.full((n_draws, len(self.values)), np.nan)
         theta[:, known] = rng.multivariate_normal(self.theta[known], free, n_draws, method="eigh")
         with np.errstate(over="ignore"):
-            found = np.stack([self.parameters.to_physical(one) for one in theta])
+            draws = np.stack([self.parameters.to_physical(point) for point in theta])
         absent = self.may_be_absent()
-        found[:, absent] = np.maximum(self.values + slope * (theta - self.theta), 0.0)[:, absent]
-        return found[None]
+        draws[:, absent] = np.maximum(self.values + slope * (theta - self.theta), 0.0)[:, absent]
+        return draws[None]
 
     def __contains__(self, name: object) -> bool:
         """True if there is a parameter of that name."""
@@ -645,8 +645,8 @@ def estimate(
         within = refit(minimum)
         return float(minimum.costs[-1]) if within is None else squared(within.at.residual)
 
-    found = searched_minima(searched, chosen, plans, search, fits, progress, work)
-    minima = found.minima
+    searched_starts = searched_minima(searched, chosen, plans, search, fits, progress, work)
+    minima = searched_starts.minima
     answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, least_cost, misfit_probability)
     best, n_iterations = min(
         minima, key=lambda m: (not m[0].converged, cost_rank(m[0]) if search.wide_starts else float(m[0].costs[-1]))
@@ -696,7 +696,7 @@ def estimate(
         n_agreeing=answers[0].n_searches if answers else 0,
         history=courses[-1].history,
         answers=answers,
-        is_exhaustive=found.is_complete,
+        is_exhaustive=searched_starts.is_complete,
         stages=courses,
     )
     return Estimate(

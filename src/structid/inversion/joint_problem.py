@@ -70,14 +70,16 @@ class JointProblem(Problem):
         if self._is_one:
             return self.problems[0].residual(theta)
         return self._stack_rows(
-            [problem.residual(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
+            [problem.residual(free) for problem, free in zip(self.problems, self.unknowns.split(theta), strict=True)]
         )
 
     def linearize(self, theta: FloatArray) -> Linearization:
         """Residual and Jacobian of all records, stacked, at the joint free variables `theta` (n_params,)."""
         if self._is_one:
             return self.problems[0].linearize(theta)
-        parts = [problem.linearize(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
+        parts = [
+            problem.linearize(free) for problem, free in zip(self.problems, self.unknowns.split(theta), strict=True)
+        ]
         n_params = len(self.names)
         wide = [
             _expand_columns(part.jacobian, index, n_params)
@@ -89,8 +91,8 @@ class JointProblem(Problem):
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         """Stacked residual of all problems, and products with its Jacobian, which is not formed, at `theta` (n_params,)."""
         parts = [
-            problem.linearize_operator(own)
-            for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)
+            problem.linearize_operator(free)
+            for problem, free in zip(self.problems, self.unknowns.split(theta), strict=True)
         ]
         pairs, n_params = list(zip(parts, self.unknowns.columns, strict=True)), len(self.names)
         ends = np.cumsum([part.n_data for part in parts])[:-1]
@@ -108,8 +110,8 @@ class JointProblem(Problem):
         def adjoint(u: FloatArray) -> FloatArray:
             """J'u for data rows u (n_data,), summed over the problems: (n_params,)."""
             total = np.zeros(n_params)
-            for own, (part, index) in zip(np.split(u, ends), pairs, strict=True):
-                total[index] += part.adjoint(own)
+            for free, (part, index) in zip(np.split(u, ends), pairs, strict=True):
+                total[index] += part.adjoint(free)
             return total
 
         stored = [_expand_columns(part.jacobian, index, n_params) for part, index in pairs if part.jacobian is not None]
@@ -127,7 +129,7 @@ class JointProblem(Problem):
     def _priors_at_start(self) -> list[tuple[FloatArray, sparse.csr_array]]:
         """Prior rows of each problem at the start: residual (n_priors,) and its derivative by the problem's own parameters."""
         starts = self.unknowns.split(self.theta_start)
-        return [problem.prior_rows(own) for problem, own in zip(self.problems, starts, strict=True)]
+        return [problem.prior_rows(free) for problem, free in zip(self.problems, starts, strict=True)]
 
     @cached_property
     def _first_priors(self) -> tuple[IntArray, ...]:
@@ -183,7 +185,7 @@ def _first_prior_rows(
     array of `columns` (n_own_params,).
     """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
-    found = []
+    first_rows = []
     for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):
         rows = _widened_rows(sparse.csr_array(prior), index, len(names))
         rows.eliminate_zeros()
@@ -204,8 +206,8 @@ def _first_prior_rows(
                 )
             stated.append((entries, value))
             kept.append(k)
-        found.append(np.array(kept, dtype=int))
-    return tuple(found)
+        first_rows.append(np.array(kept, dtype=int))
+    return tuple(first_rows)
 
 
 def _is_same(first: tuple[FloatArray, float], second: tuple[FloatArray, float]) -> bool:
@@ -261,11 +263,13 @@ class JointUnknowns:
 
     def physical(self, theta: FloatArray) -> FloatArray:
         return _first_of_each(
-            self, [part.physical(own) for part, own in zip(self.parts, self.split(theta), strict=True)]
+            self, [part.physical(free) for part, free in zip(self.parts, self.split(theta), strict=True)]
         )
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        return _first_of_each(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
+        return _first_of_each(
+            self, [part.slope(free) for part, free in zip(self.parts, self.split(theta), strict=True)]
+        )
 
     def sizes(self, physical: FloatArray) -> FloatArray:
         """Size with which each standard deviation is compared, (n_params,): the largest of all problems.

@@ -364,21 +364,24 @@ def compare_jointly(
         If the states have nothing but the shared parameters in common, or an argument is out of range.
     """
     require_levels(level, power, correction)
-    own = [(name, i) for i, name in enumerate(identified.names) if OF_RECORD not in name]
-    second = {name.removesuffix(LATER): i for name, i in own if name.endswith(LATER)}
-    first = {name: i for name, i in own if not name.endswith(LATER)}
+    shared_names = [(name, i) for i, name in enumerate(identified.names) if OF_RECORD not in name]
+    second = {name.removesuffix(LATER): i for name, i in shared_names if name.endswith(LATER)}
+    first = {name: i for name, i in shared_names if not name.endswith(LATER)}
     names = tuple(name for name in first if name in second)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)
-    at, to = (np.array([place[name] for name in names]) for place in (first, second))
-    _require_units(names, [identified.units[i] for i in at], [identified.units[i] for i in to])
-    p, q, cross = (identified.covariance[np.ix_(*pair)] for pair in ((at, at), (to, to), (at, to)))
+    in_first, in_second = (np.array([index_of[name] for name in names]) for index_of in (first, second))
+    _require_units(names, [identified.units[i] for i in in_first], [identified.units[i] for i in in_second])
+    p, q, cross = (
+        identified.covariance[np.ix_(*pair)]
+        for pair in ((in_first, in_first), (in_second, in_second), (in_first, in_second))
+    )
     return Comparison(
         names=names,
-        kinds=tuple(identified.kinds[i] for i in at),
-        units=tuple(identified.units[i] for i in at),
-        before=locked(identified.values[at]),
-        after=locked(identified.values[to]),
+        kinds=tuple(identified.kinds[i] for i in in_first),
+        units=tuple(identified.units[i] for i in in_first),
+        before=locked(identified.values[in_first]),
+        after=locked(identified.values[in_second]),
         covariance_before=locked(p),
         covariance_after=locked(q),
         carried=tuple(shared),

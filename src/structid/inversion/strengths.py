@@ -69,8 +69,8 @@ class LocalModel:
         """
         jacobian = self.penalties[index].jacobian
         used = (jacobian != 0).any(axis=0)
-        own = float((jacobian**2).sum())
-        return float((self._data_triangle[0][:, used] ** 2).sum()) / own if own > 0 else 1.0
+        information = float((jacobian**2).sum())
+        return float((self._data_triangle[0][:, used] ** 2).sum()) / information if information > 0 else 1.0
 
     def solved(self, strengths: tuple[FloatArray | float, ...]) -> LocalFit:
         """Fit of the linear model with each penalty multiplied by its entry of `strengths`: a number, or one for each row."""
@@ -267,11 +267,11 @@ def _row_strength(variance: float, residual: float, strength: float, largest: fl
     `variance` is the posterior variance of the row and `residual` its value, both at the present strength; `largest` is the
     strength that makes the row zero, and the result where the data do not ask for another value.
     """
-    own = 1 / variance - strength  # information from everything else
-    if not own > 1e-12 * strength:
+    others = 1 / variance - strength  # information from everything else
+    if not others > 1e-12 * strength:
         return largest
-    mean = residual / (variance * own)
-    spread = mean**2 - 1 / own
+    mean = residual / (variance * others)
+    spread = mean**2 - 1 / others
     return min(1 / spread, largest) if spread > 0 else largest
 
 

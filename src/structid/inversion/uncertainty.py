@@ -107,8 +107,8 @@ class DenseCovariance:
         """Variance of each linear combination `rows` (n, n_params) of parameters, (n,); NaN if undetermined."""
         weights = sparse.csr_array(rows).toarray()
         used, lost = weights != 0, ~np.isfinite(self.matrix)
-        found = np.einsum("kp,kp->k", weights @ np.where(lost, 0.0, self.matrix), weights)
-        return np.where(((used @ lost) & used).any(axis=1), np.nan, found)
+        variance = np.einsum("kp,kp->k", weights @ np.where(lost, 0.0, self.matrix), weights)
+        return np.where(((used @ lost) & used).any(axis=1), np.nan, variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +342,9 @@ def dense_uncertainty(
     is_doubted = misfit or disagreement is not None
     noise = DenseCovariance(noise_covariance(problem, theta, linearization) * np.outer(slope, slope))
     model = DenseCovariance(model_error_covariance(problem, linearization) * np.outer(slope, slope))
-    found = identifiability(relative_jacobian(problem, theta, linearization), values, problem.names, noise_scale, free)
+    identified_directions = identifiability(
+        relative_jacobian(problem, theta, linearization), values, problem.names, noise_scale, free
+    )
     adopted = (model if is_doubted else noise).std
     initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
     at_start = carried(initial, sizes, adopted, converged and not misfit) | ~free
@@ -356,8 +358,8 @@ def dense_uncertainty(
         model_error=model,
         covariance_basis=basis(is_doubted),
         identified=locked(identified),
-        identifiability=found,
-        determined=float(found.rank),
+        identifiability=identified_directions,
+        determined=float(identified_directions.rank),
         bound_initial=initial.std,
         at_bound=held,
         disagreement=disagreement,

@@ -237,9 +237,9 @@ def open_record(path: str | Path, options: ReadOptions | None = None) -> OnDiskR
             f"{path}: a record is read by chunks from .npy, .h5 or .hdf5; convert it first with `structid convert`"
         )
     if path.suffix.lower() in _HDF5:
-        own = _own_layout(path)
-        if own is not None:
-            return own
+        described = _own_layout(path)
+        if described is not None:
+            return described
     array = _choose_array(path, chosen.array) if path.suffix.lower() in _HDF5 else ""
     for name, purpose in (("sampling_rate", "its sampling rate"), ("channels", "what its channels are")):
         require_option(path, chosen, name, purpose)

@@ -587,8 +587,8 @@ def as_recorded(wanted: Sequence[Dof], record: FrfRecord) -> tuple[Dof, ...]:
 
     A degree of freedom that the record lacks stays as it is.
     """
-    own = {dof.unsigned: dof for dof in record.outputs}
-    return tuple(own.get(dof.unsigned, dof) for dof in wanted)
+    outputs = {dof.unsigned: dof for dof in record.outputs}
+    return tuple(outputs.get(dof.unsigned, dof) for dof in wanted)
 
 
 def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:
@@ -608,11 +608,11 @@ def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Seq
     InputError
         If a repeat differs; the message says which values only one of both has.
     """
-    for i, own in enumerate(values):
-        if list(own) == list(values[0]):
+    for i, entries in enumerate(values):
+        if list(entries) == list(values[0]):
             continue
-        both = set(values[0]) & set(own)
-        more, other = ([one for one in given if one not in both] for given in (values[0], own))
+        both = set(values[0]) & set(entries)
+        more, other = ([entry for entry in side if entry not in both] for side in (values[0], entries))
         pair = [f"repeat {j + 1}" + (f" ({sources[j]})" if sources[j] else "") for j in (0, i)]
         if other and not more:
             pair, more, other = pair[::-1], other, more

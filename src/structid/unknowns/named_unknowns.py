@@ -101,8 +101,8 @@ class NamedUnknowns:
 
     def prior_residual(self, physical: FloatArray) -> FloatArray:
         """The residual of `prior_rows` alone, (n_rows,)."""
-        own = self.priors.entries(physical)[1]
-        return np.concatenate([own, *(coupling.residual(physical) for coupling in self.couplings)])
+        residual = self.priors.entries(physical)[1]
+        return np.concatenate([residual, *(coupling.residual(physical) for coupling in self.couplings)])
 
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         """Residual (n_rows,) of `prior_rows` at `physical` (n_params,), and its derivative as a sparse (n_rows, n_params) array."""
@@ -143,7 +143,7 @@ class NamedUnknowns:
 
 def begun_at(unknowns: N, values: Mapping[str, float]) -> N:
     """A copy that starts at `values` (by name) where these lie within the range; other starts stay."""
-    start = np.array([values.get(name, own) for name, own in zip(unknowns.names, unknowns.start, strict=True)])
+    start = np.array([values.get(name, initial) for name, initial in zip(unknowns.names, unknowns.start, strict=True)])
     inside = (start > unknowns.transforms.lower) & (start < unknowns.transforms.upper)
     return unknowns.started_at(np.where(inside, start, unknowns.start))
 

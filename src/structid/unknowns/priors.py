@@ -107,9 +107,9 @@ class Priors:
 
 def priors_of(each: Iterable[Prior | None]) -> Priors:
     """Priors as arrays, one entry for each of `each`; NaN where it is None."""
-    given = [one or Prior(np.nan, np.nan) for one in each]
-    log = [one.kind == "lognormal" for one in given]
-    return Priors(np.array([one.mean for one in given]), np.array([one.std for one in given]), np.array(log))
+    stated = [prior or Prior(np.nan, np.nan) for prior in each]
+    log = [prior.kind == "lognormal" for prior in stated]
+    return Priors(np.array([prior.mean for prior in stated]), np.array([prior.std for prior in stated]), np.array(log))
 
 
 def no_priors(n_params: int) -> Priors:

@@ -106,7 +106,7 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
     """
     stated = {element.name: element.tolerance for element in structure.elements}
     is_fixed = unknown.is_fixed
-    found = []
+    fixed = []
     for item in structure.properties:
         indices = item.values.start + np.flatnonzero(is_fixed[item.values])
         tolerance = _own_tolerance(stated.get(item.element), item.term.property)
@@ -114,16 +114,16 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
         if not (len(indices) and tolerance > 0):
             continue
         whole = FixedProperty(item.label, item.term.kind, item.element, tolerance, locked(indices, int))
-        found.append(whole)
+        fixed.append(whole)
         values = unknown.offset[indices]
         if len(indices) <= _MOST_ALONE and (values != values[0]).any():
-            found[-1] = replace(whole, tolerance=tolerance * float(np.sqrt(1 - 1 / len(indices))))
+            fixed[-1] = replace(whole, tolerance=tolerance * float(np.sqrt(1 - 1 / len(indices))))
             numbers = indices - item.values.start + 1
-            found += [
+            fixed += [
                 replace(whole, label=f"{item.term.property}[{item.element}:{number}]", indices=locked([index], int))
                 for number, index in zip(numbers, indices, strict=True)
             ]
-    return tuple(found)
+    return tuple(fixed)
 
 
 def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> float | None:

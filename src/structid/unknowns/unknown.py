@@ -90,11 +90,11 @@ def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array
     for axis, count in enumerate(field.intervals[: middles.shape[1]]):
         if flat[axis]:
             continue
-        own = _splines((middles[:, axis] - low[axis]) / extent[axis], count, field.degree)
+        splines = _splines((middles[:, axis] - low[axis]) / extent[axis], count, field.degree)
         total = sparse.csr_array(
-            sparse.hstack([total[:, [k]].multiply(own) for k in range(total.shape[1])], format="csr")
+            sparse.hstack([total[:, [k]].multiply(splines) for k in range(total.shape[1])], format="csr")
         )
-        grid_points = [(*grid_point, i + 1) for grid_point in grid_points for i in range(own.shape[1])]
+        grid_points = [(*grid_point, i + 1) for grid_point in grid_points for i in range(splines.shape[1])]
     columns = sparse.csc_array(total)
     columns.eliminate_zeros()
     seen = np.flatnonzero(np.diff(columns.indptr))

@@ -192,8 +192,8 @@ class BendingPlane:
 
     def _product(self, first: FloatArray, second: FloatArray) -> FloatArray:
         """Integral of products of shapes along the beams, (n, 4, 4)."""
-        found: FloatArray = np.einsum("g,gni,gnj,n->nij", _WEIGHTS, first, second, self.length)
-        return found
+        integrals: FloatArray = np.einsum("g,gni,gnj,n->nij", _WEIGHTS, first, second, self.length)
+        return integrals
 
     def _matrix_term(self, local: FloatArray, power: int = 0) -> ElementMatrixTerm:
         """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio s.

@@ -191,8 +191,8 @@ def elastic_stiffness(
     if formulation == "incompatible" and cell in _BENDING_CELLS:
         bending = _strain_rows(_bending_slopes(shape, positions, determinant))
         coupling = _products(bending, elasticity, rows, measure)
-        own = _products(bending, elasticity, bending, measure)
-        stiffness = stiffness - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(own, coupling)
+        incompatible = _products(bending, elasticity, bending, measure)
+        stiffness = stiffness - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(incompatible, coupling)
     return 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
 
 

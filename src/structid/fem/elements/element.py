@@ -408,15 +408,15 @@ class ElementSet:
             name: self._at_nominal_thickness(matrix_terms)
             for name, matrix_terms in self.matrices(positions, used_codes).items()
         }
-        found = []
+        properties = []
         for name, what in declarations(self).items():
             if what.kind in ("loss_factor", "thickness"):
-                found.append(PropertyMatrices(name, what.kind, self.unit(what), getattr(self, name)))
+                properties.append(PropertyMatrices(name, what.kind, self.unit(what), getattr(self, name)))
             elif what.kind is not None and (what.of or name) in made:
                 limits = (-np.inf, np.inf) if what.kind == "axial_force" else None
                 values, layers = getattr(self, name), made[what.of or name]
-                found.append(PropertyMatrices(name, what.kind, self.unit(what), values, layers, limits))
-        return tuple(found)
+                properties.append(PropertyMatrices(name, what.kind, self.unit(what), values, layers, limits))
+        return tuple(properties)
 
     def unit(self, what: Declared) -> str:
         """The unit of a property."""

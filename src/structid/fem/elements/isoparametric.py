@@ -130,8 +130,8 @@ def _wedge_rule(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray
 
 
 def _middles(corners: Sequence[tuple[int, ...]], edges: Sequence[tuple[int, int]]) -> list[tuple[float, ...]]:
-    found = [tuple((np.array(corners[a]) + np.array(corners[b])) / 2) for a, b in edges]
-    return [*corners, *found]
+    middles = [tuple((np.array(corners[a]) + np.array(corners[b])) / 2) for a, b in edges]
+    return [*corners, *middles]
 
 
 def _up_to(degree: int, dimension: int) -> list[tuple[int, ...]]:

@@ -105,10 +105,10 @@ def _matrix_of_diagonals(shape: tuple[int, int], offsets: AnyArray, values: AnyA
 
 def _mat(path: Path) -> Mapping[str, Any]:
     """Variables of more than one entry: single numbers and texts of a MAT file are no matrices."""
-    found = matlab_variables(path)
+    variables = matlab_variables(path)
     return {
         name: value
-        for name, value in found.items()
+        for name, value in variables.items()
         if not isinstance(value, str | tuple) and "." not in name and len(value.shape) == 2 and max(value.shape) > 1
     }
 

@@ -137,8 +137,8 @@ def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_
     length, force = LENGTHS[length_unit], FORCES[force_unit]
     if length == force == 1.0:
         return sparse.csc_array(matrix)
-    at = [np.sqrt(force * length if dof.is_rotation else force / length) for dof in parse_dofs(dofs)]
-    scale = sparse.diags_array(at)
+    roots = [np.sqrt(force * length if dof.is_rotation else force / length) for dof in parse_dofs(dofs)]
+    scale = sparse.diags_array(roots)
     return sparse.csc_array(scale @ sparse.csc_array(matrix) @ scale)
 
 
@@ -283,12 +283,13 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     limit = (1 + _ZERO) * root[coordinates.row] * root[coordinates.col] + 1e-14 * abs(diagonal).max(initial=0.0)
     over = (coordinates.row != coordinates.col) & (abs(coordinates.data) > limit)
     if over.any():
-        at = int(np.argmax(np.where(over, abs(coordinates.data), 0.0)))
-        i, j = coordinates.row[at], coordinates.col[at]
+        worst = int(np.argmax(np.where(over, abs(coordinates.data), 0.0)))
+        i, j = coordinates.row[worst], coordinates.col[worst]
         raise InputError(
             f"`{name}` must be positive semidefinite, but the entry of {dofs[i].unsigned} and {dofs[j].unsigned} is "
-            f"{coordinates.data[at]:.6g} beside {diagonal[i]:.6g} and {diagonal[j]:.6g} on the diagonal (in {int(over.sum()) // 2} "
-            "pairs); entries are missing or out of place, or set `indefinite = true` if this is intended (preload)"
+            f"{coordinates.data[worst]:.6g} beside {diagonal[i]:.6g} and {diagonal[j]:.6g} on the diagonal (in "
+            f"{int(over.sum()) // 2} pairs); entries are missing or out of place, or set "
+            "`indefinite = true` if this is intended (preload)"
         )
     used = np.flatnonzero(root > 0)
     if 0 < len(used) <= _FACTORED_UP_TO:

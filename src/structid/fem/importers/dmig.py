@@ -65,7 +65,7 @@ def read(path: Path) -> list[ImportedMatrix]:
     component[starts] = lines.integers(starts, 8 + 2 * width, width, "the column's component (field 4 of DMIG)")
     entries = _read_entries(lines, np.isin(lines.card, starts[grid != 0]))
     named = dict(zip(starts.tolist(), names.tolist(), strict=True))
-    without_header = [at for at in starts[grid != 0].tolist() if named[at] not in headers]
+    without_header = [start for start in starts[grid != 0].tolist() if named[start] not in headers]
     if without_header:
         raise FileError(
             f"{path}, line {lines.number[without_header[0]]}: DMIG {named[without_header[0]]!r} has no header (a card with 0 in "

@@ -229,8 +229,8 @@ def complete_triangles(matrix: sparse.sparray, name: str, symmetric: bool | None
     difference = abs(full - full.T)
     if difference.nnz and difference.max() > 1e-8 * abs(full).max():
         worst = difference.tocoo()
-        at = int(np.argmax(worst.data))
-        i, j = int(worst.row[at]), int(worst.col[at])
+        position = int(np.argmax(worst.data))
+        i, j = int(worst.row[position]), int(worst.col[position])
         raise InputError(
             f"{name!r} is declared symmetric, but entries ({i + 1}, {j + 1}) and ({j + 1}, {i + 1}) are "
             f"{full[i, j]:.6g} and {full[j, i]:.6g}; write one triangle, or both alike"

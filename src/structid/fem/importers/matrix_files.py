@@ -105,15 +105,15 @@ def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
     (3390, 3390)
     """
     path = require_readable(path)
-    found: dict[str, ImportedMatrix] = {}
+    matrices: dict[str, ImportedMatrix] = {}
     with damage_told(path, "a whole file of its format"):
         items = _format_of(path).read(path)
     for item in items:
         name = item.name
-        if name in found:
+        if name in matrices:
             raise FileError(f"{path}: holds two matrices {name!r}; write each under a name of its own")
-        found[name] = item
-    return found
+        matrices[name] = item
+    return matrices
 
 
 def read_matrix(path: str | Path, name: str | None = None) -> ImportedMatrix:

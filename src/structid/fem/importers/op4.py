@@ -207,7 +207,7 @@ def _read_matrix(path: Path, view: NDArray[np.uint32], kind: _WordFormat, header
     single = header.kind % 2 == 1
     shape = (abs(header.rows), header.columns)
     per_real = 2 if kind.word == 4 and not single else 1  # words of a number
-    at, first_row, first_column, length = _string_table(path, view, kind, header, columns)
+    first_byte, first_row, first_column, length = _string_table(path, view, kind, header, columns)
     per_entry = per_real * (2 if is_complex else 1)
     if (length % per_entry).any():
         raise FileError(f"{path}: matrix {header.name!r} has a string that ends within a number; {_BINARY_REMEDY}")
@@ -218,7 +218,7 @@ def _read_matrix(path: Path, view: NDArray[np.uint32], kind: _WordFormat, header
     before = np.cumsum(reals) - reals
     within = np.arange(int(reals.sum())) - np.repeat(before, reals)
     step = per_real * kind.word // 4
-    numbers = _numbers(view, np.repeat(at // 4, reals) + within * step, step, kind)
+    numbers = _numbers(view, np.repeat(first_byte // 4, reals) + within * step, step, kind)
     return _assemble_strings(shape, first_row, first_column, length, numbers, is_complex)
 
 
@@ -233,16 +233,16 @@ def _string_table(
     start, column, row, words = columns.T
     dense = row > 0
     parts_found = [(start[dense], row[dense] - 1, column[dense], words[dense])]
-    at, column, words_left = start[~dense], column[~dense], words[~dense]
+    offset, column, words_left = start[~dense], column[~dense], words[~dense]
     big = header.rows < 0 or header.rows > 65535
     while True:
         more = words_left > 0
-        at, column, words_left = at[more], column[more], words_left[more]
-        if not at.size:
+        offset, column, words_left = offset[more], column[more], words_left[more]
+        if not offset.size:
             break
-        first = _integers(view, at, kind)
+        first = _integers(view, offset, kind)
         if big:
-            length, top, head = first - 1, _integers(view, at + kind.word, kind) - 1, 2
+            length, top, head = first - 1, _integers(view, offset + kind.word, kind) - 1, 2
         else:
             length, top, head = (first >> 16) - 1, (first & 0xFFFF) - 1, 1
         if ((length < 1) | (length + head > words_left)).any():
@@ -250,8 +250,8 @@ def _string_table(
             raise FileError(
                 f"{path}: matrix {header.name!r}: a string of column {bad + 1} is longer than its record; {_BINARY_REMEDY}"
             )
-        parts_found.append((at + head * kind.word, top, column, length))
-        at, words_left = at + (head + length) * kind.word, words_left - head - length
+        parts_found.append((offset + head * kind.word, top, column, length))
+        offset, words_left = offset + (head + length) * kind.word, words_left - head - length
     parts = [np.concatenate(column_of) for column_of in zip(*parts_found, strict=True)]
     return parts[0], parts[1], parts[2], parts[3]
 
@@ -593,9 +593,9 @@ def _strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, 
 
 
 def _cut(begins: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
-    at = np.arange(len(begins))
-    start = np.maximum.accumulate(np.where(begins, at, 0))
-    return (at - start) % longest == 0
+    index = np.arange(len(begins))
+    start = np.maximum.accumulate(np.where(begins, index, 0))
+    return (index - start) % longest == 0
 
 
 def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:

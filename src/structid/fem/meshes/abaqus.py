@@ -407,16 +407,17 @@ class _SectionOffsets:
         corners = [self._corners(index, rows) for index, rows in chosen]
         normals = [unit_normals(positions) for positions in corners]
         at_node: dict[int, list[FloatArray]] = {}
-        for (index, rows), own in zip(chosen, normals, strict=True):
-            for cell, normal in zip(self._blocks[index].nodes[rows].tolist(), own, strict=True):
+        for (index, rows), cell_normals in zip(chosen, normals, strict=True):
+            for cell, normal in zip(self._blocks[index].nodes[rows].tolist(), cell_normals, strict=True):
                 for node in cell:
                     at_node.setdefault(node, []).append(normal)
         mean = {node: _mean_direction(several) for node, several in at_node.items()}
         offsets = []
-        for (index, rows), own in zip(chosen, normals, strict=True):
+        for (index, rows), cell_normals in zip(chosen, normals, strict=True):
             cells = self._blocks[index].nodes[rows].tolist()
             along = [
-                [normal if mean[n] is None else mean[n] for n in cell] for cell, normal in zip(cells, own, strict=True)
+                [normal if mean[n] is None else mean[n] for n in cell]
+                for cell, normal in zip(cells, cell_normals, strict=True)
             ]
             offsets.append(CellOffsets(index, rows, -part * thickness * np.array(along)))
         return offsets

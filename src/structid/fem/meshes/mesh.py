@@ -406,16 +406,18 @@ def describe_unassigned_cells(mesh: Mesh, tables: list[IntArray], lower: bool = 
     """
     used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
     rows_of = {}
-    for place, block in enumerate(mesh.blocks):
+    for number, block in enumerate(mesh.blocks):
         if 0 <= _dimension_of(block) < mesh.dimension if lower else _dimension_of(block) >= mesh.dimension:
             free = [i for i, row in enumerate(block.nodes.tolist()) if tuple(sorted(row)) not in used]
             if free:
-                rows_of[place] = free
+                rows_of[number] = free
     if not rows_of:
         return None
     count = sum(len(rows) for rows in rows_of.values())
-    names = [n for n, g in mesh.groups.items() if any(np.isin(g[place], rows).any() for place, rows in rows_of.items())]
-    kinds = dict.fromkeys(mesh.blocks[place].kind for place in rows_of)
+    names = [
+        n for n, g in mesh.groups.items() if any(np.isin(g[number], rows).any() for number, rows in rows_of.items())
+    ]
+    kinds = dict.fromkeys(mesh.blocks[number].kind for number in rows_of)
     where = f", in {'groups' if len(names) > 1 else 'group'} {', '.join(names)}" if names else ""
     return f"{count} cells ({', '.join(kinds)}){where}"
 

@@ -471,10 +471,10 @@ def _library_beam_masses(fields: Sequence[str]) -> list[str]:
     `fields` are those of the card.
     """
     count = _DIMENSIONS.get(fields[3] if len(fields) > 3 else "", len(fields))
-    masses, at = list(fields[8 + count : 9 + count]), 9 + count
-    while at + 2 + count < len(fields):
-        masses.append(fields[at + 2 + count])
-        at += 3 + count
+    masses, station = list(fields[8 + count : 9 + count]), 9 + count
+    while station + 2 + count < len(fields):
+        masses.append(fields[station + 2 + count])
+        station += 3 + count
     return masses
 
 
@@ -488,11 +488,11 @@ def _beam_stations(words: Sequence[str]) -> tuple[list[int], int]:
 
     `words` are the fields of the card.
     """
-    fields, at = [7], 16
-    while at < len(words) and words[at] in ("YES", "YESA", "NO"):
-        fields.append(at + 7)
-        at += 16 if words[at] == "YES" else 8
-    return fields, at
+    fields, station = [7], 16
+    while station < len(words) and words[station] in ("YES", "YESA", "NO"):
+        fields.append(station + 7)
+        station += 16 if words[station] == "YES" else 8
+    return fields, station
 
 
 def _beam_tail(words: Sequence[str]) -> list[str]:

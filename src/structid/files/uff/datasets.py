@@ -93,15 +93,15 @@ def read_blocks(path: Path) -> list[UffDataset]:
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
     blocks: list[UffDataset] = []
-    at = _skip_blank(data, 0)
-    while at < len(data):
-        tag = _TAG.match(data, max(at - 4, 0))
+    offset = _skip_blank(data, 0)
+    while offset < len(data):
+        tag = _TAG.match(data, max(offset - 4, 0))
         if tag is None:
             what = "is not a universal file" if not blocks else f"goes on with junk after dataset {len(blocks)}"
-            raise FileError(f"{path}: {what} (byte {at}); copy or export it again")
-        block, at = _read_block(path, data, tag.end(), len(blocks) + 1)
+            raise FileError(f"{path}: {what} (byte {offset}); copy or export it again")
+        block, offset = _read_block(path, data, tag.end(), len(blocks) + 1)
         blocks.append(block)
-        at = _skip_blank(data, at)
+        offset = _skip_blank(data, offset)
     if not blocks:
         raise FileError(f"{path}: is not a universal file, it has no datasets; check the export")
     return blocks
@@ -220,10 +220,10 @@ def _split_fields(line: str, widths: Sequence[int]) -> list[str]:
     words = line.split()
     if len(words) == len(widths):
         return words
-    fields, at = [], 0
+    fields, column = [], 0
     for width in widths:
-        fields.append(line[at : at + width].strip())
-        at += width
+        fields.append(line[column : column + width].strip())
+        column += width
     return fields
 
 
@@ -262,14 +262,14 @@ def read_reals(text: bytes) -> FloatArray:
             return np.array(text.split(), dtype=np.float64)
         except ValueError:
             pass  # numbers without a blank between them, separated below
-    numbers, at = [], 0
+    numbers, offset = [], 0
     end = len(text.rstrip())
-    while at < end:
-        match = _NUMBER.match(text, at)
+    while offset < end:
+        match = _NUMBER.match(text, offset)
         if match is None:
-            raise ValueError(f"{text[at : at + 20].decode('ascii', errors='replace').strip()!r} is no number")
+            raise ValueError(f"{text[offset : offset + 20].decode('ascii', errors='replace').strip()!r} is no number")
         numbers.append(real_number(match[1].decode("ascii")))
-        at = match.end()
+        offset = match.end()
     return np.array(numbers, dtype=np.float64)
 
 

@@ -119,7 +119,7 @@ def _add_elements(
         row_index = begin + -(-count // 8)
         if not 1 <= count <= 60 or row_index > len(lines):
             raise FileError(f"{where} has {count} nodes in element {label}, or ends within it; export the mesh again")
-        nodes = [node for place in range(begin, row_index) for node in row_of_integers(where, lines, place, 8)][:count]
+        nodes = [node for index in range(begin, row_index) for node in row_of_integers(where, lines, index, 8)][:count]
         if descriptor in _AXISYMMETRIC:
             raise FileError(
                 f"{where}: element {label} is axisymmetric (type {descriptor}); model the part in plates or solids"
@@ -135,8 +135,8 @@ def _add_elements(
             )
         order = _ORDERS.get(kind, range(len(nodes)))
         row = [0] * len(nodes)
-        for place, node in zip(order, nodes, strict=True):
-            row[place] = node
+        for position, node in zip(order, nodes, strict=True):
+            row[position] = node
         first = rows.setdefault(label, (kind, row))
         if first != (kind, row):
             raise FileError(f"{where} gives element {label} twice, with other nodes; number the elements anew")

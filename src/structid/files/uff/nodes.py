@@ -326,12 +326,14 @@ def _matrix_systems(path: Path, block: UffDataset, scale: float) -> list[Coordin
     """
     where, lines = f"{path}: dataset {block.ordinal} (2420)", block.lines
     systems = []
-    for at in range(2, len(lines), 6):
+    for first_line in range(2, len(lines), 6):
         try:
-            label, kind = integers(lines[at], (10, 10, 10))[:2]
-            matrix = read_reals("\n".join(lines[at + 2 : at + 6]).encode("ascii", errors="replace")).reshape(4, 3)
+            label, kind = integers(lines[first_line], (10, 10, 10))[:2]
+            matrix = read_reals(
+                "\n".join(lines[first_line + 2 : first_line + 6]).encode("ascii", errors="replace")
+            ).reshape(4, 3)
         except ValueError as error:
-            raise FileError(f"{where} is damaged near its line {at + 1} ({error}); export it again") from error
+            raise FileError(f"{where} is damaged near its line {first_line + 1} ({error}); export it again") from error
         axes = matrix[:3]
         if (
             not np.isfinite(matrix).all()
@@ -353,12 +355,14 @@ def _point_systems(path: Path, block: UffDataset) -> list[tuple[int, tuple[str, 
     """
     where, lines = f"{path}: dataset {block.ordinal} (18)", block.lines
     systems = []
-    for at in range(0, len(lines), 4):
+    for first_line in range(0, len(lines), 4):
         try:
-            label, kind, reference, _, method = integers(lines[at], (10,) * 5)
-            numbers = read_reals("\n".join(lines[at + 2 : at + 4]).encode("ascii", errors="replace")).reshape(3, 3)
+            label, kind, reference, _, method = integers(lines[first_line], (10,) * 5)
+            numbers = read_reals(
+                "\n".join(lines[first_line + 2 : first_line + 4]).encode("ascii", errors="replace")
+            ).reshape(3, 3)
         except ValueError as error:
-            raise FileError(f"{where} is damaged near its line {at + 1} ({error}); export it again") from error
+            raise FileError(f"{where} is damaged near its line {first_line + 1} ({error}); export it again") from error
         if method not in (0, 1):
             raise FileError(
                 f"{where}: coordinate system {label} is defined by method {method}; only 1 is described (origin, point on +x,"

@@ -61,8 +61,8 @@ class Channels:
 def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
     """Readings (n_lines, n_readings, n) of fields (n_lines, n_dofs, n) by the sparse rows `reader` (n_readings, n_dofs)."""
     flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
-    found = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])
-    return np.moveaxis(found, 0, 1)
+    readings = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])
+    return np.moveaxis(readings, 0, 1)
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:

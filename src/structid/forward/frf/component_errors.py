@@ -123,8 +123,8 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
     for entry, rows in _whitened_changes(errors, whitening):
         by_line = np.einsum("lc,lcp->lp", rows.real, top.reshape(*rows.shape, n_params))
         by_line += np.einsum("lc,lcp->lp", rows.imag, low.reshape(*rows.shape, n_params))
-        own = entry.deviation[:, None] * (entry.weights @ by_line)
-        total += own.T @ own
+        factor = entry.deviation[:, None] * (entry.weights @ by_line)
+        total += factor.T @ factor
     return total
 
 

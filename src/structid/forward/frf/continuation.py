@@ -55,17 +55,17 @@ def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tup
     omega = record.omega[record.omega > 0]
     if len(omega) < _USABLE_LINES:
         return ()
-    own = 0.0 if record.decay is None else float(record.decay[0])
-    found = []
+    record_decay = 0.0 if record.decay is None else float(record.decay[0])
+    records = []
     for level in levels:
-        at = level_frequencies(omega, level)
+        omegas = level_frequencies(omega, level)
         try:
-            smooth = right_half_plane(record, at / (2 * np.pi), own + level * at)
+            smooth = right_half_plane(record, omegas / (2 * np.pi), record_decay + level * omegas)
         except InputError:
             continue
         if len(smooth.frequency) >= _USABLE_LINES:
-            found.append((level, smooth))
-    return tuple(found)
+            records.append((level, smooth))
+    return tuple(records)
 
 
 def is_noisy(record: FrfRecord) -> bool:

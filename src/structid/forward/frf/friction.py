@@ -128,8 +128,8 @@ class Sliding:
         """
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
-        used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
-        readings = self.solver.readings(physical, self.fixed_coefficients, used)[:, :, place]
+        used, column_of = np.unique(np.concatenate([load, columns]), return_inverse=True)
+        readings = self.solver.readings(physical, self.fixed_coefficients, used)[:, :, column_of]
         return readings[:, :, : len(load)] * load_sign, readings[:, :, len(load) :] * signs
 
 

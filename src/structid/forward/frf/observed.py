@@ -53,9 +53,9 @@ class ObservedFrf:
         """
         if self.channels is None:
             return self.model.values_at(physical)
-        own, rest = np.split(physical, [self.model.parameters.n_params])
-        model, laplace = self._shift_by_decay(self.channels, rest)
-        return model.values_at(own) * self.channels.factor(rest, laplace)
+        of_structure, of_channels = np.split(physical, [self.model.parameters.n_params])
+        model, laplace = self._shift_by_decay(self.channels, of_channels)
+        return model.values_at(of_structure) * self.channels.factor(of_channels, laplace)
 
     def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """FRFs with channel errors, (n_frequencies, n_outputs, n_inputs), and their derivatives, (..., n_params).
@@ -64,14 +64,14 @@ class ObservedFrf:
         """
         if self.channels is None:
             return self.model.derivatives_at(physical)
-        own, rest = np.split(physical, [self.model.parameters.n_params])
-        model, laplace = self._shift_by_decay(self.channels, rest)
-        values, derivative = model.derivatives_at(own)
-        change = self.channels.log_slopes(rest, laplace) * values[..., None]
+        of_structure, of_channels = np.split(physical, [self.model.parameters.n_params])
+        model, laplace = self._shift_by_decay(self.channels, of_channels)
+        values, derivative = model.derivatives_at(of_structure)
+        change = self.channels.log_slopes(of_channels, laplace) * values[..., None]
         for row in self.channels.rows("window_decay"):
-            steep = _laplace_slope(model, own, values, laplace, self.record.kind)
-            change[..., row] = steep - self.channels.lateness(rest) * values
-        factor = self.channels.factor(rest, laplace)[..., None]
+            steep = _laplace_slope(model, of_structure, values, laplace, self.record.kind)
+            change[..., row] = steep - self.channels.lateness(of_channels) * values
+        factor = self.channels.factor(of_channels, laplace)[..., None]
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def _shift_by_decay(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
@@ -168,8 +168,8 @@ def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArra
     """
     laplace = (record.laplace[:, None] + RATES / segment).ravel()
     order = np.argsort(laplace.imag, kind="stable")
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
+    positions = np.empty(len(order), dtype=np.int64)
+    positions[order] = np.arange(len(order))
     lines = replace(
         record,
         frequency=laplace.imag[order] / (2 * np.pi),
@@ -181,4 +181,4 @@ def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArra
         relative=None,
         sizes=None,
     )
-    return lines, place.reshape(-1, len(RATES))
+    return lines, positions.reshape(-1, len(RATES))

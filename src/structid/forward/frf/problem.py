@@ -242,8 +242,8 @@ class FrfProblem(RecordProblem):
         """
         if record.segment is None:
             return ObservedFrf(model or self._response(record, False), self.channels, record)
-        lines, place = leaking_lines(record, record.segment)
-        return LeakedFrf(ObservedFrf(self._response(lines, False), self.channels, lines), place)
+        lines, positions = leaking_lines(record, record.segment)
+        return LeakedFrf(ObservedFrf(self._response(lines, False), self.channels, lines), positions)
 
     @cached_property
     def _whitened(self) -> WhitenedFrf:
@@ -351,10 +351,10 @@ class FrfProblem(RecordProblem):
             """The derivative of the residual with respect to the response without errors of channels."""
             return whitened.whitening(predicted * factor[lines], lines).scaled(factor[lines])
 
-        at = response_products(self.model, physical[:n], whitening, stored_bytes)
-        values = at.values * factor
+        products = response_products(self.model, physical[:n], whitening, stored_bytes)
+        values = products.values * factor
         columns = np.zeros((2 * values.size, 0))
-        jacobian = None if at.jacobian is None else at.jacobian * of_structure
+        jacobian = None if products.jacobian is None else products.jacobian * of_structure
         if self.channels is not None:
             relative = values[..., None] * self.channels.log_slopes(physical[n:], laplace)
             changes = whitened.whitening(values).rows(relative)
@@ -363,11 +363,11 @@ class FrfProblem(RecordProblem):
         residual, prior = self.prior_rows(theta)
         return OperatorLinearization(
             residual=np.concatenate([stack_real(whitened.residual(values).ravel()), residual]),
-            forward=lambda v: at.forward(of_structure * v[:n]) + columns @ v[n:],
-            adjoint=lambda u: np.concatenate([of_structure * at.adjoint(u), columns.T @ u]),
-            data_squares=np.concatenate([of_structure**2 * at.squares, (columns**2).sum(axis=0)]),
+            forward=lambda v: products.forward(of_structure * v[:n]) + columns @ v[n:],
+            adjoint=lambda u: np.concatenate([of_structure * products.adjoint(u), columns.T @ u]),
+            data_squares=np.concatenate([of_structure**2 * products.squares, (columns**2).sum(axis=0)]),
             prior=prior,
-            words=at.words,
+            words=products.words,
             jacobian=jacobian,
         )
 

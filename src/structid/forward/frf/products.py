@@ -93,8 +93,8 @@ class FieldJacobian:
         left: dict[int, ComplexArray] = {}
         for part in self.parts.parts:
             if part.kind not in left:
-                own = np.conj(drive * self.factors[:, part.kind, None])
-                left[part.kind] = own.reshape(n_dofs, -1)
+                weighted_drive = np.conj(drive * self.factors[:, part.kind, None])
+                left[part.kind] = weighted_drive.reshape(n_dofs, -1)
             total += part.slope.T @ element_products(part.blocks, left[part.kind], self.x)
         return total
 
@@ -103,14 +103,16 @@ class FieldJacobian:
 
         Sparse (n_dofs, n_dofs) matrices.
         """
-        at = self.model.slopes.assembled
+        assembled = self.model.slopes.assembled
         entries: dict[int, FloatArray] = {}
         for part, (member, rows) in zip(self.parts.parts, self.parts.members, strict=True):
-            change = np.zeros(at.maps[member].shape[1])
+            change = np.zeros(assembled.maps[member].shape[1])
             change[rows] = part.slope @ v
-            entries[part.kind] = entries.get(part.kind, 0.0) + at.maps[member] @ change
-        shape = (len(at.indptr) - 1,) * 2  # symmetric: columns are rows
-        return {kind: sparse.csr_array((data, at.indices, at.indptr), shape) for kind, data in entries.items()}
+            entries[part.kind] = entries.get(part.kind, 0.0) + assembled.maps[member] @ change
+        shape = (len(assembled.indptr) - 1,) * 2  # symmetric: columns are rows
+        return {
+            kind: sparse.csr_array((data, assembled.indices, assembled.indptr), shape) for kind, data in entries.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +176,12 @@ def response_products(
     y = np.empty((shape[0] if stored is None else 0, shape[1], n_dofs), dtype=np.complex128)
     values, squares = np.empty(shape, dtype=np.complex128), np.zeros(n_params)
     (loads, load_signs), (sensors, signs) = model.channels.inputs, model.channels.outputs
-    used, place = np.unique(loads, return_inverse=True)
-    for part, found in model.solved_at(physical):
-        for line, fields in zip(range(shape[0])[part], found, strict=True):
+    used, column_of = np.unique(loads, return_inverse=True)
+    for part, solved in model.solved_at(physical):
+        for line, fields in zip(range(shape[0])[part], solved, strict=True):
             x[:, line] = fields[:, loads] * load_signs
             values[line] = model.channels.read(x[None, :, line])[0] * model.kind_factor[line]
-            products = np.stack(forces.products(factors[line], fields[:, used], fields))[place][:, :, sensors]
+            products = np.stack(forces.products(factors[line], fields[:, used], fields))[column_of][:, :, sensors]
             scale = -model.kind_factor[line] * np.outer(signs, load_signs)
             change = whitening(values[line : line + 1], slice(line, line + 1)).rows(
                 (np.moveaxis(products, 2, 0) * scale[..., None])[None]
@@ -241,8 +243,8 @@ class WhitenedFrf:
         if self.form == "output":
             return (h - m) / s
         if self.form == "log":
-            found = _log(h * self._inverse, _LEAST / np.maximum(self._weight, 1.0)) * self._weight
-            return np.where(self._in_noise, (h - m) / s, found) if self._in_noise.any() else found
+            logarithmic = _log(h * self._inverse, _LEAST / np.maximum(self._weight, 1.0)) * self._weight
+            return np.where(self._in_noise, (h - m) / s, logarithmic) if self._in_noise.any() else logarithmic
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
@@ -277,8 +279,8 @@ def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
 
     `least` broadcasts to `z`.
     """
-    found = np.empty_like(z)
+    logarithm = np.empty_like(z)
     size = np.abs(z)
-    np.log(np.maximum(size, least, out=size), out=found.real)
-    np.arctan2(z.imag, z.real, out=found.imag)
-    return found
+    np.log(np.maximum(size, least, out=size), out=logarithm.real)
+    np.arctan2(z.imag, z.real, out=logarithm.imag)
+    return logarithm

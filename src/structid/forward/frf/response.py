@@ -63,8 +63,8 @@ class Response:
         """FRFs in the kind of the record, (n_frequencies, n_outputs, n_inputs), at the parameters `physical` (n_params,)."""
         coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
         if readings is None:
-            used, place = np.unique(self.channels.inputs[0], return_inverse=True)
-            readings = self.solver.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
+            used, column_of = np.unique(self.channels.inputs[0], return_inverse=True)
+            readings = self.solver.readings(physical, coefficients, used)[:, :, column_of] * self.channels.inputs[1]
         return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -91,8 +91,8 @@ class Response:
         `physical` are the parameter values (n_params,), `loads` (n_dofs, n_loads) the columns of the loads.
         """
         fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
-        for part, found in self.solver.fields(physical, self._coefficients(physical), loads):
-            fields[part] = found
+        for part, solved in self.solver.fields(physical, self._coefficients(physical), loads):
+            fields[part] = solved
         return fields
 
     def solved_at(
@@ -154,11 +154,11 @@ class ResponseCache:
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
         """Derivatives of the dynamic stiffness of the structure by the parameters; the cached object if there is one."""
-        found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
-        if found is None:
-            found = StiffnessSlopes(structure, parameters)
-            self._slopes.add(found)
-        return found
+        slopes = next((known for known in self._slopes if known.serves(structure, parameters)), None)
+        if slopes is None:
+            slopes = StiffnessSlopes(structure, parameters)
+            self._slopes.add(slopes)
+        return slopes
 
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
@@ -168,12 +168,12 @@ class ResponseCache:
         With friction contacts each record has a solver of its own. `reduced` is the largest error of values, in parts of the
         largest of their line, that may come from few factorizations; None solves every line.
         """
-        own = record if sides.n_contacts else None
+        with_contacts = record if sides.n_contacts else None
         key: tuple[object, ...] = (
             slopes,
             record.outputs,
             record.inputs,
-            own,
+            with_contacts,
             self.factorizer or os.environ.get(VARIABLE),
         )
         pattern = self._patterns.get(key) or self._patterns.setdefault(key, Pattern(slopes, sides, self.factorizer))
@@ -279,8 +279,8 @@ def _coupled(
     `solver` is that of the structure alone. Raises `InputError` if the record has a window decay and there are components.
     """
     driven = _driven(structure, bases, record, sides)
-    own = structure.selection([dof for one in structure.measured for dof in one.interface])
-    receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
+    interface = structure.selection([dof for component in structure.measured for dof in component.interface])
+    receptance = np.zeros((len(record.frequency), *[driven.shape[1] + interface.shape[1]] * 2), dtype=np.complex128)
     if structure.measured:
         if record.decay is not None and record.decay.any():
             raise InputError(
@@ -288,7 +288,7 @@ def _coupled(
                 " does not fit it; correct the record for its window"
             )
         receptance[:, driven.shape[1] :, driven.shape[1] :] = joined_receptance(structure.measured, record.frequency)
-    joined = sparse.csc_array(sparse.hstack([driven, own]))
+    joined = sparse.csc_array(sparse.hstack([driven, interface]))
     return SubstructureCoupling(solver, slopes, sides, joined, receptance, driven.shape[1])
 
 

@@ -67,8 +67,8 @@ class StiffnessSlopes:
 
     def serves(self, structure: Structure, parameters: Parameters) -> bool:
         """True where these are the derivatives for that structure and parameters, whose priors and starts do not matter."""
-        own = self.parameters
-        same = own.design is parameters.design and own.offset is parameters.offset
+        known = self.parameters
+        same = known.design is parameters.design and known.offset is parameters.offset
         return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
@@ -84,16 +84,16 @@ class StiffnessSlopes:
         """
         structure, parameters = self.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()
-        found = self._parts_cache.get(key)
-        if found is None:
-            found = weighted_elements(structure, parameters, self._sensitive, physical)
+        weighted = self._parts_cache.get(key)
+        if weighted is None:
+            weighted = weighted_elements(structure, parameters, self._sensitive, physical)
             self._parts_cache.clear()
-            self._parts_cache[key] = found
-        factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
-        for kind, uses in enumerate(found.uses):
+            self._parts_cache[key] = weighted
+        factors = np.zeros((len(coefficients), len(weighted.uses)), dtype=np.complex128)
+        for kind, uses in enumerate(weighted.uses):
             for matrix_kind, scale in uses:
                 factors[:, kind] += coefficients[:, self.matrix_kinds.index(matrix_kind)] * scale
-        return found, factors
+        return weighted, factors
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
         """Operator for the forces (dZ/dp) x of all parameters, and the factors (n_lines, n_maps) of its maps.
@@ -118,10 +118,10 @@ class StiffnessSlopes:
         if self.structure.n_dofs <= DENSE_UP_TO:
             return self.dense.at(self.parameters.values(physical)).products(coefficients, x, y)
         forces, factors = self.forces_at(physical, coefficients)
-        found = np.empty((len(x), y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
+        products = np.empty((len(x), y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
         for line, factor in enumerate(factors):
-            found[line] = np.transpose(forces.products(factor, x[line], y[line]), (2, 0, 1))
-        return found
+            products[line] = np.transpose(forces.products(factor, x[line], y[line]), (2, 0, 1))
+        return products
 
     @cached_property
     def dense(self) -> DenseSlopes:

@@ -140,10 +140,10 @@ class MeasuredModes:
         if self.settings.shape_form == "mac":
             size = np.sqrt(np.nansum(self.shapes**2, axis=0))
             return np.broadcast_to(self.settings.shape_error * size, self.shapes.shape)
-        own = self.record.shape_std
+        recorded = self.record.shape_std
         freed: FloatArray = np.zeros(self.shapes.shape)
-        if own is not None:
-            freed = unscaled_shape_std(self.shapes, own / largest_entries(self.record.mode_shapes, empty=1.0))
+        if recorded is not None:
+            freed = unscaled_shape_std(self.shapes, recorded / largest_entries(self.record.mode_shapes, empty=1.0))
         if self.record.changes is not None:
             count = np.maximum(self.record.known.sum(axis=0), 1)
             freed = np.broadcast_to(
@@ -163,10 +163,10 @@ class MeasuredModes:
         """Covariance of the frequencies (Hz) and then the damping ratios of modes that count, (2 n_measured, 2 n_measured)."""
         count, rows = self.record.n_modes, self.measured
         rows = np.concatenate([rows, rows + count])
-        own = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
+        recorded = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
         if self.record.changes is not None:
-            own = np.diag(np.diag(own))
-        return np.nan_to_num(own[np.ix_(rows, rows)]) + np.diag(np.concatenate(_stated(self)) ** 2)
+            recorded = np.diag(np.diag(recorded))
+        return np.nan_to_num(recorded[np.ix_(rows, rows)]) + np.diag(np.concatenate(_stated(self)) ** 2)
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
@@ -221,13 +221,13 @@ class MeasuredModes:
         Shapes (n_changes, n_measured) twice and (n_changes, n_channels, n_modes). None if the record does not say how its
         numbers vary together, or in the form ``mac``. Values of unknown entries mean nothing.
         """
-        own = self.record.changes
-        if own is None or self.settings.shape_form == "mac":
+        recorded = self.record.changes
+        if recorded is None or self.settings.shape_form == "mac":
             return None
-        given = np.asarray(self.record.mode_shapes)
-        turn = real_turn(given)
-        shapes = (own.mode_shapes * turn).real / largest_entries((given * turn).real, empty=1.0)
-        frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
+        mode_shapes = np.asarray(self.record.mode_shapes)
+        turn = real_turn(mode_shapes)
+        shapes = (recorded.mode_shapes * turn).real / largest_entries((mode_shapes * turn).real, empty=1.0)
+        frequency, ratio = recorded.frequency[:, self.measured], recorded.damping_ratio[:, self.measured]
         n_all, n = shapes.shape[1:], len(self.measured)
         if self.settings.frequency_error or self.settings.damping_error or self.settings.shape_error:
             more = np.eye(n_all[0] * n_all[1]) * self.settings.shape_error

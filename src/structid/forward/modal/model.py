@@ -116,16 +116,19 @@ class ModalModel:
         Up to `ALL_MODES_UP_TO` degrees of freedom all modes are computed, else 3 `n_modes` + 10. `physical` are the
         parameters of the structure, then those of channel errors.
         """
-        own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
+        of_structure = physical[: self.parameters.n_params]
+        values = self.parameters.values(of_structure)
         matrix_kinds = ("mass", "damping", "stiffness", "structural_damping")
         mass, damping, stiffness, structural = (
             self.structure.matrix(matrix_kind, values) for matrix_kind in matrix_kinds
         )
         count = None if self.structure.n_dofs <= ALL_MODES_UP_TO else 3 * self.n_modes + 10
-        found = modes(mass, stiffness, n_modes=count, strains=partial(self.structure.strain_operator, values))
+        normal_modes = modes(mass, stiffness, n_modes=count, strains=partial(self.structure.strain_operator, values))
         gains, change = self.readings(physical)
         sensors = self.sensors * gains
-        return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
+        return ModelState(
+            mass, damping, stiffness, structural, normal_modes, sensors, self.slopes, of_structure, change
+        )
 
     def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Factor of each sensor's reading, (n_channels,), and the derivative of its logarithm, (n_channels, n_errors).
@@ -175,28 +178,28 @@ class MatrixSlopes:
                 for matrix_kind in matrix_kinds
             }
         shape = (x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params)
-        found: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in matrix_kinds}
+        products: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in matrix_kinds}
         weights = self._weight_slopes(physical)
         for number, group in enumerate(self.elements):
             forms = np.moveaxis(group.blocks.bilinear(y, x), 1, -1)
             for member in group.members:
                 matrix_kind = self.structure.contributions[member].matrix_kind
-                if matrix_kind in found:
+                if matrix_kind in products:
                     slope = weights[number, member]
-                    found[matrix_kind] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
-        return found
+                    products[matrix_kind] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
+        return products
 
     def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
         """Derivatives dA/dp of each matrix A, (n_params, n_dofs, n_dofs), by the kind of the matrix; for small models.
 
         `physical` (n_params,) are the parameters.
         """
-        at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
+        slopes, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
         shape = (self.parameters.n_params, n_dofs, n_dofs)
-        found: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in self._matrix_kinds}
-        for matrix_kind, chosen, matrix in at.maps:
-            found[self._matrix_kinds[matrix_kind]][at.parameters[chosen], at.dofs[chosen]] = matrix
-        return found
+        changes: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in self._matrix_kinds}
+        for matrix_kind, chosen, matrix in slopes.maps:
+            changes[self._matrix_kinds[matrix_kind]][slopes.parameters[chosen], slopes.dofs[chosen]] = matrix
+        return changes
 
     @cached_property
     def _matrix_kinds(self) -> tuple[str, ...]:
@@ -244,14 +247,14 @@ class MatrixSlopes:
 
         By group and contribution, then by the place of the value; empty for large groups.
         """
-        design, found = self.parameters.design.tocsr(), {}
+        design, designs = self.parameters.design.tocsr(), {}
         for number, group in enumerate(self.elements):
             for member in group.members:
                 indices = self.structure.contributions[member].value_indices
                 is_small = len(indices) <= _FEW and len(group.rows) * design.shape[1] <= _SMALL
                 pieces = [design[index][group.rows].toarray() for index in indices] if is_small else []
-                found[number, member] = {k: piece for k, piece in enumerate(pieces) if piece.any()}
-        return found
+                designs[number, member] = {k: piece for k, piece in enumerate(pieces) if piece.any()}
+        return designs
 
     @cached_property
     def _last(self) -> LastEvaluation[dict[_Member, Slope]]:

@@ -185,13 +185,13 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
         system[:, :n, n:], system[:, n:, :n] = border, border.T
         padded = np.vstack([right, np.zeros((m, right.shape[1]))])
         return np.linalg.solve(system, np.broadcast_to(padded, (m, *padded.shape)))[:, :n]
-    found = []
+    solutions = []
     padded = np.vstack([right, np.zeros((m, right.shape[1]))])
     for value in eigenvalues:
         upper = sparse.hstack([state.stiffness - value * state.mass, sparse.csc_array(border)])
         lower = sparse.hstack([sparse.csc_array(border.T), sparse.csc_array((m, m))])
-        found.append(splu(sparse.csc_matrix(sparse.vstack([upper, lower]))).solve(padded)[:n])
-    return np.array(found)
+        solutions.append(splu(sparse.csc_matrix(sparse.vstack([upper, lower]))).solve(padded)[:n])
+    return np.array(solutions)
 
 
 def _project_shapes(
@@ -300,12 +300,12 @@ def _groups_at(
     """
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))
-    found = []
+    groups = []
     for group in data.groups:
-        own = group.channels
-        seen = replace(state, sensors=state.sensors[:, own] / group.shape_std, readings=state.readings[own])
-        found.append((seen, group, np.array([pairs[r] for r in group.members.tolist()])))
-    return found
+        channels = group.channels
+        seen = replace(state, sensors=state.sensors[:, channels] / group.shape_std, readings=state.readings[channels])
+        groups.append((seen, group, np.array([pairs[r] for r in group.members.tolist()])))
+    return groups
 
 
 def output_rows(
@@ -353,8 +353,8 @@ def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray,
     frequency, ratio, shapes = data.changes
     rows, moving = [], []
     for state, group, chosen in _groups_at(data, model, physical, in_order):
-        own = np.moveaxis(shapes[:, group.channels][:, :, group.members], 0, -1)
-        moved = own / group.shape_std[:, None, None]
+        by_channel = np.moveaxis(shapes[:, group.channels][:, :, group.members], 0, -1)
+        moved = by_channel / group.shape_std[:, None, None]
         d_frequency, d_shape, d_mixing = group_changes(state, group, chosen, moved)
         rows += [d_shape.reshape(-1, len(shapes)), d_mixing.reshape(-1, len(shapes))]
         moving.append(d_frequency)

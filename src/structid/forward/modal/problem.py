@@ -139,9 +139,9 @@ class ModalProblem(RecordProblem):
         """
         n = len(self.record.channels)
         if self.settings.form == "dynamic":
-            mode, place = np.nonzero(self.record.known.T[self.data.measured])
-            forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
-            return DataRows(self.data.measured[mode], 2 * place, forces, self.data.measured[mode])
+            mode, channel = np.nonzero(self.record.known.T[self.data.measured])
+            forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(channel))
+            return DataRows(self.data.measured[mode], 2 * channel, forces, self.data.measured[mode])
         lines, series = [], []
         for group in self.data.groups:
             m = len(group.members)
@@ -249,22 +249,23 @@ def influence_by_kind(problem: ModalProblem, theta: FloatArray) -> dict[str, tup
     squares of all data rows, or 0 where that sum is 0. Rows that are 0 with all their derivatives do not count. Empty if data
     and priors do not determine all parameters. `theta` (n_params,) are free variables.
     """
-    at = problem.linearize(theta)
-    information = at.jacobian.T @ at.jacobian
+    linearization = problem.linearize(theta)
+    information = linearization.jacobian.T @ linearization.jacobian
     scale = np.sqrt(np.diag(information))
     if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
         return {}
     covariance = np.linalg.inv(information)
     kinds = problem.row_kinds
-    whole = float(at.residual[: problem.n_data] @ at.residual[: problem.n_data])
-    found = {}
-    filled = (at.residual[: problem.n_data] != 0) | (at.jacobian[: problem.n_data] != 0).any(axis=1)
+    influence = {}
+    residual, jacobian = linearization.residual[: problem.n_data], linearization.jacobian[: problem.n_data]
+    filled = (residual != 0) | (jacobian != 0).any(axis=1)
+    whole = float(residual @ residual)
     for kind in dict.fromkeys(kinds[filled].tolist()):
         rows = np.flatnonzero((kinds == kind) & filled)
-        own, part = at.jacobian[rows], at.residual[rows]
-        trace = float(np.einsum("ij,jk,ik->", own, covariance, own))
-        found[kind] = (len(rows), trace, float(part @ part) / whole if whole else 0.0)
-    return found
+        rows_of_kind, part = jacobian[rows], residual[rows]
+        trace = float(np.einsum("ij,jk,ik->", rows_of_kind, covariance, rows_of_kind))
+        influence[kind] = (len(rows), trace, float(part @ part) / whole if whole else 0.0)
+    return influence
 
 
 def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
@@ -284,7 +285,7 @@ def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -
     eigenvalue, at least 1e-3. `physical` (n_params,) are the parameters.
     """
     shown = data.record.known[:, data.measured].any(axis=0)
-    found = [
+    residuals = [
         dynamic_residual(
             model.structure,
             model.slopes,
@@ -297,8 +298,8 @@ def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -
         for mode in data.measured[shown]
     ]
     size = np.maximum(2 * data.frequency_std / data.frequency, 1e-3)[shown]
-    error = np.concatenate([e / s for (e, _), s in zip(found, size, strict=True)])
-    return error, np.concatenate([d / s for (_, d), s in zip(found, size, strict=True)])
+    error = np.concatenate([e / s for (e, _), s in zip(residuals, size, strict=True)])
+    return error, np.concatenate([d / s for (_, d), s in zip(residuals, size, strict=True)])
 
 
 def dynamic_residual(

@@ -62,8 +62,8 @@ class TimeEquations:
         if motion.force.shape[1] != self.n_dofs:
             raise InputError(f"motion must have {self.n_dofs} degrees of freedom, got {motion.force.shape[1]}")
         self.require({name for name in MOTION_QUANTITIES if getattr(motion, name) is not None})
-        given = (getattr(motion, name) for name in MOTION_QUANTITIES)
-        parts = [np.zeros(motion.force.shape) if part is None else part for part in given]
+        measured = (getattr(motion, name) for name in MOTION_QUANTITIES)
+        parts = [np.zeros(motion.force.shape) if part is None else part for part in measured]
         return np.concatenate([part.T for part in (*parts, motion.force)])
 
     def require(self, present: Collection[str]) -> None:
@@ -165,9 +165,9 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
     row, field, parameter, value = _entries(structure, unknown)
     columns, slot = _layout(row, parameter, n, n_params)
     side = columns.shape[1] + 1
-    at = np.concatenate([row * side + slot, np.arange(n) * side + side - 1])
+    rows = np.concatenate([row * side + slot, np.arange(n) * side + side - 1])
     entries = np.concatenate([value * weights[row], weights])
-    table = (entries, (at, np.concatenate([field, 3 * n + np.arange(n)])))
+    table = (entries, (rows, np.concatenate([field, 3 * n + np.arange(n)])))
     operator = sparse.csr_array(sparse.coo_array(table, (n * side, 4 * n)))
     operator.eliminate_zeros()
     return TimeEquations(unknown, n, locked(columns), operator)
@@ -190,7 +190,7 @@ def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntAr
     The parameter index is n_params for known terms.
     """
     design = unknown.design.tocsr()
-    found = [
+    entries = [
         _expanded(
             part,
             design[part.value],
@@ -201,7 +201,7 @@ def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntAr
         for part in structure.contributions
         if part.matrix_kind in _MATRIX_KINDS
     ]
-    row, field, parameter, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    row, field, parameter, value = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
     return row, field, parameter, value
 
 
@@ -227,12 +227,12 @@ def _expanded(
     del column
     count = np.diff(design.indptr)[element]
     again = np.repeat(np.arange(len(element)), count)
-    place = np.arange(len(again)) - np.repeat(np.cumsum(count) - count - design.indptr[element], count)
+    entry = np.arange(len(again)) - np.repeat(np.cumsum(count) - count - design.indptr[element], count)
     del count
     known = np.flatnonzero(offset[element])
-    parameter = np.concatenate([design.indices[place], np.full(len(known), design.shape[1])]).astype(np.int64)
-    weighted = np.concatenate([value[again] * design.data[place], -value[known] * offset[element[known]]])
-    del place, element, value
+    parameter = np.concatenate([design.indices[entry], np.full(len(known), design.shape[1])]).astype(np.int64)
+    weighted = np.concatenate([value[again] * design.data[entry], -value[known] * offset[element[known]]])
+    del entry, element, value
     again = np.concatenate([again, known])
     return row[again], field[again], parameter, weighted
 

@@ -133,10 +133,10 @@ class RecursiveMotionFit:
         None takes the fitted values. With `exact_motion` the fitted motion has no noise, and the noise is added to its
         normal equations.
         """
-        found = self.solution()
-        p = found.values if values is None else np.asarray(values, dtype=np.float64)
+        solution = self.solution()
+        p = solution.values if values is None else np.asarray(values, dtype=np.float64)
         gram, cross = self.equations.noise_gram(self.error)
-        normal = found.triangle.T @ found.triangle + (gram if exact_motion else 0.0)
+        normal = solution.triangle.T @ solution.triangle + (gram if exact_motion else 0.0)
         seen = np.diag(normal) > 0
         scale = np.sqrt(np.where(seen, np.diag(normal), 1.0))
         right = -(gram @ p - cross) / scale
@@ -293,14 +293,14 @@ def _summed_variances(variance: MotionVariance, shape: tuple[int, ...]) -> Float
     parts = []
     for name in MOTION_QUANTITIES:
         try:
-            given = np.broadcast_to(np.asarray(variance.get(name, 0.0), dtype=np.float64), shape)
+            variances = np.broadcast_to(np.asarray(variance.get(name, 0.0), dtype=np.float64), shape)
         except ValueError as error:
             raise InputError(
                 f"`variance` of {name} must be one number, ({shape[1]},) or {shape}, got {np.shape(variance[name])}"
             ) from error
-        if not np.isfinite(given).all() or (given < 0).any():
+        if not np.isfinite(variances).all() or (variances < 0).any():
             raise InputError(f"`variance` of {name} must be finite and not negative")
-        parts.append(given.sum(axis=0))
+        parts.append(variances.sum(axis=0))
     return np.concatenate([*parts, np.zeros(shape[1])])
 
 

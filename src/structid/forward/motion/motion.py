@@ -46,16 +46,16 @@ class Motion:
     def __post_init__(self) -> None:
         """Convert arrays to float, and raise `InputError` on wrong shapes, non-finite values or time that falls."""
         for item in fields(self):
-            given = getattr(self, item.name)
-            if given is not None:
-                object.__setattr__(self, item.name, locked(given, np.float64))
+            values = getattr(self, item.name)
+            if values is not None:
+                object.__setattr__(self, item.name, locked(values, np.float64))
         require_shape("time", self.time, (None,))
         require_shape("force", self.force, (len(self.time), None), "one row an instant, one column a degree of freedom")
         for name in ("force", *MOTION_QUANTITIES):
-            given = getattr(self, name)
-            if given is not None:
-                require_shape(name, given, self.force.shape)
-                require_finite(name, given, "remove or repair these samples")
+            values = getattr(self, name)
+            if values is not None:
+                require_shape(name, values, self.force.shape)
+                require_finite(name, values, "remove or repair these samples")
         require_finite("time", self.time)
         if (np.diff(self.time) <= 0).any():
             raise InputError("`time` must increase from sample to sample; sort the samples and drop repeated ones")
@@ -216,9 +216,9 @@ def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -
         return (reader @ record.values.T).T
     if reader is not None:
         raise InputError("`force` is given although the record holds force channels; give one or the other")
-    given = np.asarray(force, dtype=np.float64)
-    require_shape("force", given, size, "one column a free degree of freedom")
-    return given
+    forces = np.asarray(force, dtype=np.float64)
+    require_shape("force", forces, size, "one column a free degree of freedom")
+    return forces
 
 
 def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity: str) -> sparse.csr_array | None:
@@ -236,8 +236,8 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
         return None
     sensors = sparse.csc_array(structure.selection([record.channels[i] for i in chosen]))
     table = sparse.coo_array(sensors if quantity == "force" else _motion_of(structure, sensors, quantity))
-    place = table.row, chosen[table.col]
-    return sparse.csr_array(sparse.coo_array((table.data, place), (structure.n_dofs, len(record.channels))))
+    indices = table.row, chosen[table.col]
+    return sparse.csr_array(sparse.coo_array((table.data, indices), (structure.n_dofs, len(record.channels))))
 
 
 def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:

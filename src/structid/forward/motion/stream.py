@@ -154,12 +154,12 @@ def reduced_by_chunks(
     A chunk has at most `longest` samples. The state is saved at `checkpoint` now and then and at any end; `progress` is called
     with the samples done and those of the record.
     """
-    at = record_rows(fit.equations, structure, record)
+    rows = record_rows(fit.equations, structure, record)
     _give_back_memory()
     keeper = FitKeeper(checkpoint)
     try:
         for chunk in record.chunks(first, last, longest):
-            fit = at.reduced(fit, chunk, work)
+            fit = rows.reduced(fit, chunk, work)
             del chunk  # before the next one is read
             keeper.offer(fit)
             if progress is not None:
@@ -270,11 +270,11 @@ def motion_solution(fit: RecursiveMotionFit, work: FoldingKernels | None = None)
     fit.require_content()
     _give_back_memory()
     chosen = work or FoldingKernels()
-    found = block_solution(fit.state, fit.equations.sizes(fit.energy))
+    solution = block_solution(fit.state, fit.equations.sizes(fit.energy))
     size = fit.n_samples * len(fit.state.columns)
     engine = chosen.words(size) if len(fit.state.columns) == fit.equations.n_dofs else "NumPy"
-    std = locked(found.standard_deviations())
-    return MotionSolution(fit.equations.unknown, found, std, fit.state.n_rows, fit.n_samples, engine)
+    std = locked(solution.standard_deviations())
+    return MotionSolution(fit.equations.unknown, solution, std, fit.state.n_rows, fit.n_samples, engine)
 
 
 def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array:
@@ -345,7 +345,7 @@ def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMot
 
 def equations_digest(equations: TimeEquations) -> str:
     """SHA-256 digest of the columns and the operator of the equations, to recognize checkpoints that fit them."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for array in (equations.columns, equations.operator.indptr, equations.operator.indices, equations.operator.data):
-        found.update(np.ascontiguousarray(array).tobytes())
-    return found.hexdigest()
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -223,10 +223,10 @@ def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray
     n, n_params, n_times = equations.n_dofs, equations.unknown.n_params, fields.shape[1]
     rows = equations.rows(fields).reshape(n, n_times, equations.side)
     columns = np.broadcast_to(equations.columns, (n, equations.side - 1))
-    found = np.zeros((n, n_times, n_params + 1))
+    dense = np.zeros((n, n_times, n_params + 1))
     for dof in range(n):
-        found[dof][:, columns[dof]] += rows[dof][:, :-1]
-    regressors = np.swapaxes(found[..., :n_params], 0, 1)
+        dense[dof][:, columns[dof]] += rows[dof][:, :-1]
+    regressors = np.swapaxes(dense[..., :n_params], 0, 1)
     return np.ascontiguousarray(regressors), rows[..., -1].T
 
 
@@ -251,14 +251,14 @@ def linear_estimate(
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None
-    found = np.full(n_params, np.nan) if values is None else values
-    residual = rows.residual(found) if determined else np.full(rows.n_data, np.nan)
+    estimated = np.full(n_params, np.nan) if values is None else values
+    residual = rows.residual(estimated) if determined else np.full(rows.n_data, np.nan)
     chi_square, freedom = float(residual @ residual), max(rows.n_data - n_params, 0)
     misfit = determined and freedom > 0 and is_misfit(chi_square, freedom, misfit_probability)
     blank = np.full((n_params, n_params), np.nan)
     noise = rows.covariance() if determined else blank
-    model = model_error_covariance(rows, rows.linearize(found)) if determined else blank
-    influence, least = None if fixed is None or not determined else fixed.influence(rows, found), float("nan")
+    model = model_error_covariance(rows, rows.linearize(estimated)) if determined else blank
+    influence, least = None if fixed is None or not determined else fixed.influence(rows, estimated), float("nan")
     if fixed is not None and influence is not None and misfit and known_noise:
         within, least = fixed.refit(rows), chi_square
         if within is not None:
@@ -267,8 +267,10 @@ def linear_estimate(
             influence = replace(influence, asked=within.asked, theta=within.parameters, explained=explained)
     basis = "model_error" if misfit or not known_noise else "noise"
     adopted = np.sqrt(np.diag(model if basis == "model_error" else noise))
-    identified = adopted <= np.abs(found)
-    size = np.where(np.isfinite(found) & (found != 0), np.abs(found), np.where(unknown.start != 0, unknown.start, 1.0))
+    identified = adopted <= np.abs(estimated)
+    size = np.where(
+        np.isfinite(estimated) & (estimated != 0), np.abs(estimated), np.where(unknown.start != 0, unknown.start, 1.0)
+    )
     status = Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE
     if not converged and rows.determine_all:
         status = Status.NOT_CONVERGED
@@ -277,8 +279,8 @@ def linear_estimate(
         kinds=unknown.kinds,
         units=unknown.units,
         initial=locked(unknown.start),
-        values=locked(found),
-        theta=locked(found),
+        values=locked(estimated),
+        theta=locked(estimated),
     )
     spread = Spread(
         noise=DenseCovariance(noise),
@@ -286,7 +288,7 @@ def linear_estimate(
         covariance_basis=basis,
         identified=locked(identified),
         identifiability=identifiability(
-            rows.instruments * size, found, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
+            rows.instruments * size, estimated, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
         ),
         fixed=influence,
     )

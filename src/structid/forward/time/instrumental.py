@@ -115,10 +115,10 @@ def _iterate_once(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
     except SingularModelError:
         return Step(UNSTABLE, nothing, nothing, None), float("inf")
     residual = rows.residual(values)
-    cost, found = float(residual @ residual), rows.solution()
-    if found is None:
+    cost, solution = float(residual @ residual), rows.solution()
+    if solution is None:
         return Step(UNDETERMINED, nothing, nothing, rows), cost
-    return Step(SOLVED, found, np.sqrt(np.diag(rows.covariance())), rows), cost
+    return Step(SOLVED, solution, np.sqrt(np.diag(rows.covariance())), rows), cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,12 +246,12 @@ def instrumental_fit(
 
 def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
     """Error covariance (n_dofs, n_dofs) of each measured quantity, force included, at the free degrees of freedom, by name."""
-    variance, found = declared_variance(record), {}
+    variance, covariances = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
         reader = field_map(structure, record, quantity)
         if reader is not None:
-            found[quantity] = (reader @ sparse.diags_array(variance) @ reader.T).toarray()
-    return found
+            covariances[quantity] = (reader @ sparse.diags_array(variance) @ reader.T).toarray()
+    return covariances
 
 
 def identified_by_instruments(
@@ -318,13 +318,13 @@ def _starting_attempts(fit: InstrumentalFit, unknown: Parameters, size: int) -> 
     First linear fits to `size` and 8 `size` samples, if they determine all parameters, then the initial values with 8 `size`
     and with all samples.
     """
-    n_times, given = fit.motion.n_times, np.array(unknown.start)
+    n_times, initial = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
-        found = identify_motion(fit.structure, unknown, fit.motion.at(slice(0, first))).values
-        if np.isfinite(found).all():
-            yield first, found
-    yield min(8 * size, n_times), given
-    yield n_times, given
+        values = identify_motion(fit.structure, unknown, fit.motion.at(slice(0, first))).values
+        if np.isfinite(values).all():
+            yield first, values
+    yield min(8 * size, n_times), initial
+    yield n_times, initial
 
 
 def _follow_stages(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:

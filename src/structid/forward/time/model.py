@@ -152,17 +152,17 @@ class TimeModel:
         `values` (n_params,) are the parameters.
         """
         system, n_loads = self._linear(values, derivatives=False), len(self.loads)
-        found = np.zeros((n_times, len(self.sensors), n_times, n_loads))
+        readings = np.zeros((n_times, len(self.sensors), n_times, n_loads))
         rest = np.zeros((2 * len(self.free), 2))
         for load in range(n_loads):
             signal = np.zeros((2, n_times + 1, n_loads))
             signal[0, 0, load] = signal[1, 1, load] = 1.0
             inputs = np.stack([self.drive.inputs(s, n_times + 1) for s in signal], axis=2)
             both = system.readings(rest, inputs, n_times + 1)
-            found[:, :, 0, load] = both[:n_times, :, 0]
+            readings[:, :, 0, load] = both[:n_times, :, 0]
             for k in range(1, n_times):
-                found[k:, :, k, load] = both[1 : n_times - k + 1, :, 1]
-        return found
+                readings[k:, :, k, load] = both[1 : n_times - k + 1, :, 1]
+        return readings
 
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
         """Modal state space of the structure at the parameters `values` (n_params,), with its derivatives if wanted.
@@ -308,12 +308,12 @@ class LinearSystem:
             Number of samples of the record; they are the last of the instants of `inputs`.
         """
         of_state, of_input = self._output
-        found = np.empty((len(inputs), len(of_state), start.shape[1]))
-        found[0], state = of_state @ start, start
+        readings = np.empty((len(inputs), len(of_state), start.shape[1]))
+        readings[0], state = of_state @ start, start
         for step, span in self._pieces(n_times, start.shape[1]):
             states = stepped(step.transition, step.entry @ inputs[span], state)
-            found[span.start + 1 : span.stop + 1], state = of_state @ states[1:], states[-1]
-        return (found + of_input @ inputs)[-n_times:]
+            readings[span.start + 1 : span.stop + 1], state = of_state @ states[1:], states[-1]
+        return (readings + of_input @ inputs)[-n_times:]
 
     def derivatives(self, start: FloatArray, inputs: FloatArray, n_times: int) -> tuple[FloatArray, FloatArray]:
         """Readings of one motion and their derivatives, (n_times, n_sensors) and (n_times, n_sensors, n_params).
@@ -347,12 +347,12 @@ class LinearSystem:
 
         `state` (n_states, 1 + n_params) is the start, whose first column is the state itself; `inputs` are (n_steps, n_inputs).
         """
-        own = stepped(step.transition, inputs @ step.entry.T, state[:, 0])
+        states = stepped(step.transition, inputs @ step.entry.T, state[:, 0])
         wide = np.concatenate([step.transition_change, step.entry_change], axis=2)
-        given = np.concatenate([own[:-1], inputs], axis=1)
-        pushed = (wide.reshape(-1, wide.shape[2]) @ given.T).reshape(len(state), -1, len(inputs))
+        known = np.concatenate([states[:-1], inputs], axis=1)
+        pushed = (wide.reshape(-1, wide.shape[2]) @ known.T).reshape(len(state), -1, len(inputs))
         drive = np.ascontiguousarray(np.moveaxis(pushed, 2, 0))
-        return np.concatenate([own[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
+        return np.concatenate([states[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
 
     def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Sensor readings (n_times, n_sensors) and their derivatives (..., n_params) at known states.
@@ -361,14 +361,14 @@ class LinearSystem:
         """
         of_state, of_input = self._output
         n_params, n = self.rate_change.shape[1], len(self.scale)
-        found = of_state @ states
-        values, slopes = found[..., 0] + inputs @ of_input.T, found[..., 1:]
+        readings = of_state @ states
+        values, slopes = readings[..., 0] + inputs @ of_input.T, readings[..., 1:]
         fast = np.flatnonzero(self.model.orders == 2)
         if len(fast):
             seen = self.model.sensor_columns[:, fast].T @ self.shapes
             wide = np.concatenate([self.rate_change[n:], self.coupling_change[n:]], axis=2)
-            given = np.concatenate([states[..., 0], inputs], axis=1)
-            pushed = seen @ (wide.reshape(-1, wide.shape[2]) @ given.T).reshape(n, -1)
+            known = np.concatenate([states[..., 0], inputs], axis=1)
+            pushed = seen @ (wide.reshape(-1, wide.shape[2]) @ known.T).reshape(n, -1)
             slopes[:, fast] += np.moveaxis(pushed.reshape(len(fast), n_params, -1), 2, 0)
         return values, slopes
 

@@ -138,13 +138,13 @@ class Incidentals:
         basis, rows = basis[:, seen], rows[seen] / singular[seen, None]
         at_rest = np.zeros(2 * len(self.model.free)) if self.free_start else None
         data = of.errors(self.model.readings(values, known, at_rest, of.n_times), known)
-        found = -(rows.T @ (basis.T @ data)) / np.where(scale > 0, scale, 1.0)
+        solution = -(rows.T @ (basis.T @ data)) / np.where(scale > 0, scale, 1.0)
         force, n_initial = np.array(known), 0 if at_rest is None else len(at_rest)
         if of.drive.oscillates:
-            force[self.free_amplitudes] += found[n_initial:]
+            force[self.free_amplitudes] += solution[n_initial:]
         else:
-            force[:, of.noisy_loads] += found[n_initial:].reshape(of.n_times, -1)
-        return Incidental(force, None if at_rest is None else found[:n_initial], basis)
+            force[:, of.noisy_loads] += solution[n_initial:].reshape(of.n_times, -1)
+        return Incidental(force, None if at_rest is None else solution[:n_initial], basis)
 
     def columns(self, values: FloatArray) -> FloatArray:
         """Derivative (n_data, n_unknowns) of the data rows by the initial state, then by force amplitudes or samples.
@@ -317,9 +317,9 @@ class OutputErrorProblem(RecordProblem):
 
     def _errors(self, values: FloatArray) -> FloatArray:
         """Whitened errors (n_data,) at the physical parameters `values` (n_params,) of the structure."""
-        at = self.incidentals.at(values)
-        predicted = self.model.readings(values, at.force, at.initial, self.n_times)
-        return self.histories.errors(predicted, at.force)
+        incidental = self.incidentals.at(values)
+        predicted = self.model.readings(values, incidental.force, incidental.initial, self.n_times)
+        return self.histories.errors(predicted, incidental.force)
 
     def _error_slopes(self, values: FloatArray, gain_slopes: FloatArray) -> tuple[FloatArray, FloatArray, int]:
         """Whitened errors (n_data,), their derivatives (n_data, n_params + n_gains), and the number of eliminated unknowns.
@@ -327,13 +327,13 @@ class OutputErrorProblem(RecordProblem):
         Derivatives are by the parameters `values` (n_params,) of the structure, then by gains, which change every
         reading by the parts `gain_slopes` (n_gains, n_sensors).
         """
-        at = self.incidentals.at(values)
-        predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
+        incidental = self.incidentals.at(values)
+        predicted, change = self.model.derivatives(values, incidental.force, incidental.initial, self.n_times)
         change = np.concatenate([change, predicted[..., None] * gain_slopes.T], axis=2)
         rows = np.zeros((self.n_data, change.shape[2]))
         rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, change.shape[2])
-        rows -= at.basis @ (at.basis.T @ rows)
-        return self.histories.errors(predicted, at.force), rows, at.basis.shape[1]
+        rows -= incidental.basis @ (incidental.basis.T @ rows)
+        return self.histories.errors(predicted, incidental.force), rows, incidental.basis.shape[1]
 
     def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
         """Problem without gains, whose readings and deviations are divided by those at `theta`, and the structure's parameters.

@@ -89,7 +89,7 @@ def identified_by_output_error(
     method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
     freed = with_fixed_values(final, options.tolerances)
     tolerances = tolerances_of([freed])
-    found = estimate(
+    fitted = estimate(
         final,
         method,
         misfit_probability=options.misfit_probability,
@@ -98,9 +98,9 @@ def identified_by_output_error(
         fixed=FixedValues(freed, tolerances) if tolerances else None,
     )
     bound = bound_at(problem, unknown.theta_start, "the initial values").std
-    search = replace(found.search, n_iterations=found.search.n_iterations + iterations, n_starts=len(ways))
-    spread = replace(found.spread, bound_initial=bound)
-    return replace(found.with_initial(locked(unknown.start)), spread=spread, search=search)
+    search = replace(fitted.search, n_iterations=fitted.search.n_iterations + iterations, n_starts=len(ways))
+    spread = replace(fitted.spread, bound_initial=bound)
+    return replace(fitted.with_initial(locked(unknown.start)), spread=spread, search=search)
 
 
 def _search_starts(
@@ -118,8 +118,11 @@ def _search_starts(
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):
             ahead = starts[first : first + work.n_workers]
-            for found in work.map("starts", _search_from_start, shared, ahead, progress, first=count):
-                yield (int(found["reached"]), -float(found["excess"]), np.asarray(found["theta"])), int(found["spent"])
+            for result in work.map("starts", _search_from_start, shared, ahead, progress, first=count):
+                yield (
+                    (int(result["reached"]), -float(result["excess"]), np.asarray(result["theta"])),
+                    int(result["spent"]),
+                )
             count += len(ahead)
 
 
@@ -255,9 +258,9 @@ def _far_rounds(
         misfit, best = _best(short, ways)
         centre = (short.theta_start, _SPREAD) if count % 3 == 0 else (best, _NEAR_SPREAD)
         task = (*centre, options.seed + count)
-        [found] = work.map("far starts", _far_start, short, [task], progress, first=count)
+        [start] = work.map("far starts", _far_start, short, [task], progress, first=count)
         before = len(ways)
-        yield [_Start(np.asarray(found["theta"]), begin) for begin in dict.fromkeys((first, 0))]
+        yield [_Start(np.asarray(start["theta"]), begin) for begin in dict.fromkeys((first, 0))]
         agreed += abs(_best(short, ways[before:])[0] - misfit) < _SAME * misfit
         if agreed == _AGREE:
             return
@@ -278,8 +281,8 @@ def _confirmed(
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
-    [found] = work.map("confirming starts", _far_start, short, [task], progress)
-    starts = [_Start(np.asarray(found["theta"]), first)]
+    [start] = work.map("confirming starts", _far_start, short, [task], progress)
+    starts = [_Start(np.asarray(start["theta"]), first)]
     [way] = work.map("confirming ways", _search_from_start, (problem, sizes, options), starts, progress)
     beside = np.asarray(way["theta"])
     is_better = int(way["reached"]) == len(sizes) and cost_at(problem, beside) < cost_at(problem, theta) - _BETTER
@@ -309,10 +312,10 @@ def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord
             return
         short = replace(record, values=record.values[:n_samples])
         try:
-            found = identify_motion(structure, unknown.without_priors(), short).values
+            values = identify_motion(structure, unknown.without_priors(), short).values
         except InputError:
             return
-        yield _free(unknown, found)
+        yield _free(unknown, values)
 
 
 def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
@@ -322,10 +325,10 @@ def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) 
 def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
     """Starting point (free variables) by the weak form; nothing if it is not applicable."""
     try:
-        found = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
+        fitted = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
     except InputError:
         return
-    yield _free(unknown, found.values)
+    yield _free(unknown, fitted.values)
 
 
 def _free(unknown: Parameters, values: FloatArray) -> FloatArray:

@@ -219,8 +219,8 @@ class Transient:
         columns = np.empty((2 * n_jumps + n_out * n_shapes, n_lines, n_out), dtype=np.complex128)
         columns[:n_jumps] = jumps
         np.multiply(jumps, s, out=columns[n_jumps : 2 * n_jumps])
-        own = columns[2 * n_jumps :].reshape(n_out, n_shapes, n_lines, n_out)
-        np.multiply(np.moveaxis(whitening, 2, 0)[:, None], shapes[None, :, :, None], out=own)
+        by_output = columns[2 * n_jumps :].reshape(n_out, n_shapes, n_lines, n_out)
+        np.multiply(np.moveaxis(whitening, 2, 0)[:, None], shapes[None, :, :, None], out=by_output)
         return columns.reshape(len(columns), n_lines * n_out)
 
     @cached_property
@@ -302,21 +302,24 @@ class SpectraModel:
 
         `physical` are the parameters of the structure, then those of channel errors.
         """
-        at = self._evaluate(physical)
-        if at.is_small:
-            self._last.keep(physical, at)
-        return at
+        evaluation = self._evaluate(physical)
+        if evaluation.is_small:
+            self._last.keep(physical, evaluation)
+        return evaluation
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
         """Evaluation at `physical`, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
 
         `physical` are the parameters of the structure, then those of channel errors.
         """
-        at, own = self._last.taken(physical) or self._evaluate(physical), physical[: self.parameters.n_params]
-        change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
+        evaluation = self._last.taken(physical) or self._evaluate(physical)
+        of_structure = physical[: self.parameters.n_params]
+        receptance_change = self.response.sensitivity_at(of_structure, evaluation.motion, evaluation.y)[:, :, 0]
+        change = receptance_change * evaluation.read[:, :, None]
         if self.spectra.straight:
-            change = change + np.einsum("foi,oip->fop", at.aliased, self.mass_line.change(own))
-        return at, at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
+            change = change + np.einsum("foi,oip->fop", evaluation.aliased, self.mass_line.change(of_structure))
+        change = np.concatenate([change, self._channel_changes(physical, evaluation)], axis=2)
+        return evaluation, evaluation.whitening @ change
 
     @cached_property
     def _last(self) -> LastEvaluation[Evaluation]:
@@ -347,11 +350,11 @@ class SpectraModel:
 
         Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs). `physical` is (n_own + n_errors,).
         """
-        own, rest = np.split(physical, [self.parameters.n_params])
+        of_structure, of_channels = np.split(physical, [self.parameters.n_params])
         if self.errors is None:
-            return own, self.spectra.output_powers, self.spectra.input_powers
-        sensors, loads = self.errors.readings(rest, self.spectra.laplace)
-        return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
+            return of_structure, self.spectra.output_powers, self.spectra.input_powers
+        sensors, loads = self.errors.readings(of_channels, self.spectra.laplace)
+        return of_structure, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
 
     def _evaluate(self, physical: FloatArray) -> Evaluation:
         """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
@@ -359,8 +362,8 @@ class SpectraModel:
         Nothing is kept from earlier calls.
         """
         spectra = self.spectra
-        own, read, stated = self._split_parameters(physical)
-        x, y, h = self._state(own, read, stated)
+        of_structure, read, stated = self._split_parameters(physical)
+        x, y, h = self._state(of_structure, read, stated)
         noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
         diagonal = np.arange(len(spectra.outputs))
         noise[:, diagonal, diagonal] += spectra.motion_variance
@@ -403,8 +406,8 @@ def _response(model: SpectraModel, frequency: FloatArray) -> Response:
     shape = (len(frequency), len(distinct), len(model.spectra.inputs))
     decay = np.full(shape[0], model.spectra.decay)
     kind: FrfKind = "transmissibility" if model.spectra.driven.any() else "receptance"
-    place = FrfRecord(frequency, np.zeros(shape, complex), distinct, model.spectra.inputs, kind, decay=decay)
-    return response(model.structure, model.parameters, place, cache=model.cache)
+    lines = FrfRecord(frequency, np.zeros(shape, complex), distinct, model.spectra.inputs, kind, decay=decay)
+    return response(model.structure, model.parameters, lines, cache=model.cache)
 
 
 def _forces(model: SpectraModel) -> FloatArray:
@@ -412,16 +415,16 @@ def _forces(model: SpectraModel) -> FloatArray:
 
     No column without a transient. Driving supports carry no force.
     """
-    known = model.response.slopes.structure
-    n_dofs = known.n_dofs
+    structure = model.response.slopes.structure
+    n_dofs = structure.n_dofs
     if model.order is None:
         return np.zeros((n_dofs, 0))
     mass, _ = model.start_matrices
-    found = model.start_modes
-    near = found.frequency <= _REACH * model.spectra.frequency[-1]
+    start_modes = model.start_modes
+    near = start_modes.frequency <= _REACH * model.spectra.frequency[-1]
     forces = np.zeros((n_dofs, int(near.sum())))
-    place = {code: i for i, code in enumerate(known.numbering.free)}
-    forces[[place[code] for code in model.structure.numbering.free]] = mass @ found.mode_shapes[:, near]
+    row_of = {code: i for i, code in enumerate(structure.numbering.free)}
+    forces[[row_of[code] for code in model.structure.numbering.free]] = mass @ start_modes.mode_shapes[:, near]
     return forces
 
 
@@ -613,10 +616,10 @@ class SpectraProblem(RecordProblem):
 
     def linearize(self, theta: FloatArray) -> Linearization:
         """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
-        at, change = self.model.changes(self.physical(theta))
-        left, _ = at.linear.project_out(np.moveaxis(change, 2, 0).reshape(change.shape[2], -1))
+        evaluation, change = self.model.changes(self.physical(theta))
+        left, _ = evaluation.linear.project_out(np.moveaxis(change, 2, 0).reshape(change.shape[2], -1))
         rows = stack_real(left.T) * self.slope(theta)
-        return linearization_with_priors(self.unknowns, theta, at.data, rows, at.linear.rank)
+        return linearization_with_priors(self.unknowns, theta, evaluation.data, rows, evaluation.linear.rank)
 
 
 def spectra_problem(

@@ -103,14 +103,14 @@ class WeakForm:
         `values` (n_params,) are the parameters.
         """
         matrices, n = self._matrices(values), self.equations.n_dofs
-        found = np.zeros((3, n, self.n_windows))
+        noise = np.zeros((3, n, self.n_windows))
         for order, spread in self.spread.items():
             for e in range(3):
                 for other in range(3):
                     gram = self.grams[self.base + e - order, self.base + other - order]
-                    found[2 - e] += (-1) ** (e + other) * spread @ matrices[other].T @ weighted.T @ gram.T
+                    noise[2 - e] += (-1) ** (e + other) * spread @ matrices[other].T @ weighted.T @ gram.T
         force = -self.force_spread @ weighted.T @ self.grams[self.base, self.base].T
-        return np.concatenate([*found, force])
+        return np.concatenate([*noise, force])
 
     def _matrices(self, values: FloatArray) -> list[FloatArray]:
         properties = self.equations.unknown.values(values)
@@ -182,15 +182,15 @@ def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, opt
     length = options.window or _suited_length(record.values[:, used], 1 / record.sampling_rate)
     filters = _filters(len(record.values), 1 / record.sampling_rate, n, length, options.windows, orders)
     grams = {(a, b): (filters[a] @ filters[b].T).toarray() for a in orders for b in orders}
-    found = np.zeros((3, n, filters[base].shape[0]))
+    motions = np.zeros((3, n, filters[base].shape[0]))
     for order, reader in readers.items():
         motion = reader @ record.values.T
         for e in range(3):
-            found[2 - e] += (-1) ** (e - order) * (filters[base + e - order] @ motion.T).T
+            motions[2 - e] += (-1) ** (e - order) * (filters[base + e - order] @ motion.T).T
     force = where @ (filters[base] @ record.values[:, loads]).T
     spread = {order: (reader * variance) @ reader.T for order, reader in readers.items()}
     force_spread = (where * variance[loads]) @ where.T
-    return WeakForm(equations, structure, np.concatenate([*found, force]), spread, grams, base, force_spread)
+    return WeakForm(equations, structure, np.concatenate([*motions, force]), spread, grams, base, force_spread)
 
 
 def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> dict[int, FloatArray]:
@@ -200,7 +200,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
     `InputError` if some are not measured at all.
     """
     n, missing = structure.n_dofs, np.arange(structure.n_dofs)
-    found: dict[int, FloatArray] = {}
+    readers: dict[int, FloatArray] = {}
     for quantity in options.quantities:
         chosen = [i for i, q in enumerate(record.quantities) if q == quantity]
         if not chosen or not len(missing):
@@ -212,7 +212,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
         if len(taken):
             reader = np.zeros((n, len(record.channels)))
             reader[np.ix_(taken, chosen)] = inverse[taken]
-            found[MOTION_DERIVATIVES[quantity]] = reader
+            readers[MOTION_DERIVATIVES[quantity]] = reader
             missing = missing[~resolved[missing]]
     if len(missing):
         raise InputError(
@@ -220,7 +220,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
             f" {', '.join(structure.words(structure.dofs[i]) for i in missing)}; add sensors, condense the model, or take method"
             " 'output_error', which needs only some"
         )
-    return found
+    return readers
 
 
 def _suited_length(motion: FloatArray, step: float) -> float:

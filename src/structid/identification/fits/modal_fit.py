@@ -56,10 +56,10 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     position = {int(mode): i for i, mode in enumerate(problem.data.measured)}
     angle, moves = np.full(len(number), np.nan), np.abs(seen).max(axis=0, initial=0.0) > 0
     for group in problem.data.groups:
-        own = np.array([position[int(mode)] for mode in group.members])
+        members = np.array([position[int(mode)] for mode in group.members])
         if len(group.channels):
-            x, y = shapes[np.ix_(group.channels, own)], seen[np.ix_(group.channels, number[own])]
-            angle[own] = subspace_angles(x, y).max()
+            x, y = shapes[np.ix_(group.channels, members)], seen[np.ix_(group.channels, number[members])]
+            angle[members] = subspace_angles(x, y).max()
     f = state.modes.frequency
     measured = problem.data.frequency
     inside = (f >= 0.97 * measured.min()) & (f <= 1.03 * measured.max()) & moves

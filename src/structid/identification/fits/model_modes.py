@@ -26,9 +26,9 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
     mass, stiffness, damping, structural = (
         structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
-    own = sum(element.own_modes for element in structure.elements if isinstance(element, SolverModel))
+    n_solver = sum(element.own_modes for element in structure.elements if isinstance(element, SolverModel))
     strains = partial(structure.strain_operator, values)
-    return modes(mass, stiffness, damping, structural, min(n_modes, own) if own else n_modes, strains)
+    return modes(mass, stiffness, damping, structural, min(n_modes, n_solver) if n_solver else n_modes, strains)
 
 
 def response_rounding(modes: Modes) -> FloatArray:

@@ -98,13 +98,13 @@ def gains(
     root = np.asarray(np.linalg.qr(existing, mode="r"))
     inverse = np.linalg.inv(root)
     wanted = np.ones(n_params, dtype=bool) if of_interest is None else np.asarray(of_interest, dtype=bool)
-    found = np.empty(n_candidates)
+    increases = np.empty(n_candidates)
     step = max(1, _BLOCK_ENTRIES // max(n_rows * max(n_params, n_rows), 1))
     for first in range(0, n_candidates, step):
         part = slice(first, first + step)
         reached = candidates[part] @ inverse
-        found[part] = _gains(reached, inverse[wanted], criterion, bool(wanted.all()))
-    return found
+        increases[part] = _gains(reached, inverse[wanted], criterion, bool(wanted.all()))
+    return increases
 
 
 def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
@@ -179,14 +179,14 @@ def exchanged(
     members = list(chosen)
     for _ in range(_MOST_PASSES):
         changed = False
-        for place, member in enumerate(members):
-            rest = members[:place] + members[place + 1 :]
+        for position, member in enumerate(members):
+            rest = members[:position] + members[position + 1 :]
             gain = gains(candidates, np.vstack([existing, *candidates[rest]]), criterion, of_interest)
-            own = gain[member]
+            present = gain[member]
             gain[rest] = -np.inf
             best = int(np.argmax(gain))
-            if gain[best] > own + _SMALLEST_GAIN * max(1.0, abs(own)):
-                members[place], changed = best, True
+            if gain[best] > present + _SMALLEST_GAIN * max(1.0, abs(present)):
+                members[position], changed = best, True
         if not changed:
             break
     return tuple(members)

@@ -103,12 +103,12 @@ def identifiability(
     n_params = len(counted)
     singular = np.zeros(n_params)
     if jacobian.shape[0] and n_params:
-        _, found, own = np.linalg.svd(np.linalg.qr(jacobian[:, counted], mode="r"))
-        singular[: len(found)] = found
+        _, values_found, vectors = np.linalg.svd(np.linalg.qr(jacobian[:, counted], mode="r"))
+        singular[: len(values_found)] = values_found
     else:
-        own = np.eye(n_params)
-    rows = np.zeros((len(own), len(names)))
-    rows[:, counted] = own
+        vectors = np.eye(n_params)
+    rows = np.zeros((len(vectors), len(names)))
+    rows[:, counted] = vectors
     largest = singular.max(initial=0.0)
     floor = max(noise_scale, 1e-10 * largest)
     directions = []
@@ -257,13 +257,13 @@ def collinear_groups(
     std = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(std, std)
     condition, proportions = variance_proportions(jacobian[:, sound])
-    found = _correlated_sets(np.abs(correlation))
+    sets = _correlated_sets(np.abs(correlation))
     for members in _sets_by_variance_proportions(condition, proportions):
-        if members.difference(*found):
-            inside = [group for group in found if group & members]
-            found = [group for group in found if group not in inside] + [members.union(*inside)]
+        if members.difference(*sets):
+            inside = [group for group in sets if group & members]
+            sets = [group for group in sets if group not in inside] + [members.union(*inside)]
     lookup = _Directions(tuple(names[int(i)] for i in sound), jacobian[:, sound], condition, proportions)
-    groups = [_group(sorted(m, key=lambda i: -std[i]), correlation, lookup, noise_scale) for m in found]
+    groups = [_group(sorted(m, key=lambda i: -std[i]), correlation, lookup, noise_scale) for m in sets]
     return tuple(sorted(groups, key=lambda group: -float(group.alone.max())))
 
 
@@ -336,7 +336,7 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
     root = triangle[len(others) :, len(others) :] / noise_scale
     inverse = np.linalg.inv(root)
-    alone, given = np.linalg.norm(inverse, axis=1), 1 / np.linalg.norm(root, axis=0)
+    alone, others_known = np.linalg.norm(inverse, axis=1), 1 / np.linalg.norm(root, axis=0)
     named = tuple(of.names[i] for i in members)
     smallest = float(np.abs(correlation[np.ix_(members, members)]).min())
     index = float(of.condition[int(np.argmax(of.proportions[:, members].sum(axis=1)))])
@@ -351,9 +351,9 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
         return CollinearGroup(named, smallest, alone, together, index, words + caveat)
     words = (
         f"{', '.join(named[:-1])} and {named[-1]} are correlated: with the others known, each would be known to"
-        f" {_span(given)}; as it is, each is known to {_span(alone)}"
+        f" {_span(others_known)}; as it is, each is known to {_span(alone)}"
     )
-    return CollinearGroup(named, smallest, alone, float(given.max()), index, words + caveat)
+    return CollinearGroup(named, smallest, alone, float(others_known.max()), index, words + caveat)
 
 
 def percent_text(value: float) -> str:

@@ -273,8 +273,8 @@ def _normality(values: FloatArray, averages: FloatArray | None) -> float:
 
     `averages` (n_data,) or None: if given, `normal_values` of the residual are tested as well.
     """
-    own = _jarque_bera(values)
-    return own if averages is None else max(own, _jarque_bera(normal_values(values, averages)))
+    normal = _jarque_bera(values)
+    return normal if averages is None else max(normal, _jarque_bera(normal_values(values, averages)))
 
 
 def _jarque_bera(values: FloatArray) -> float:
@@ -365,9 +365,9 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
     rows = [block == number for number in range(int(block.max()) + 1)]
     told = block >= 0
     whole, rank = _residual_squares_and_rank(jacobian[told], residual[told])
-    own = [_residual_squares_and_rank(jacobian[q], residual[q]) for q in rows]
-    least = sum(square for square, _ in own)
-    ranks = sum(count for _, count in own)
+    separate = [_residual_squares_and_rank(jacobian[q], residual[q]) for q in rows]
+    least = sum(square for square, _ in separate)
+    ranks = sum(count for _, count in separate)
     between, within = ranks - rank, int(told.sum()) - ranks - linearization.n_eliminated
     if between <= 0 or within <= 0 or least <= 0:
         return None

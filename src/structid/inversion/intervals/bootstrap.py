@@ -190,8 +190,8 @@ def bootstrap_ends(
 
     `level` is the probability of the interval; the ends are NaN if the replicates are not reliable.
     """
-    found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
-    return found.interval(level), found.words
+    replicates = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
+    return replicates.interval(level), replicates.words
 
 
 def _refit_replicate(
@@ -213,10 +213,10 @@ def _refit_replicate(
             signs += rng.choice([-1.0, 1.0], int(block.max(initial=0)) + 1)[block]
         errors[: problem.n_data] = data * signs
     try:
-        found = tools.minimize(ShiftedResidual(problem, errors - at_minimum), _SEARCH, theta)
+        minimum = tools.minimize(ShiftedResidual(problem, errors - at_minimum), _SEARCH, theta)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         return f"the model cannot be evaluated: {error}"
-    return problem.physical(found.theta) if found.converged else f"the search {found.message}"
+    return problem.physical(minimum.theta) if minimum.converged else f"the search {minimum.message}"
 
 
 def bootstrap_repeats(
@@ -265,12 +265,12 @@ def bootstrap_repeats(
     for _ in range(n_replicates):
         drawn = rng.integers(len(repeats), size=len(repeats) - 1)
         try:
-            found = refit([repeats[i] for i in drawn])
+            replicate = refit([repeats[i] for i in drawn])
         except (StructidError, np.linalg.LinAlgError) as error:
             results.append(str(error))
             continue
-        good = found.status is not Status.NOT_CONVERGED and bool(np.isfinite(found.values).all())
-        results.append(np.array(found.values) if good else f"{found.status.value}: {found.message}")
+        good = replicate.status is not Status.NOT_CONVERGED and bool(np.isfinite(replicate.values).all())
+        results.append(np.array(replicate.values) if good else f"{replicate.status.value}: {replicate.message}")
     return _collect_replicates(original, "repeats", results, np.full(len(original.names), len(repeats) - 1.0))
 
 

@@ -198,7 +198,7 @@ def profiles(
     """
     chosen = range(len(estimate.names)) if parameters is None else parameters
     shared = (problem, estimate.with_transform(np.array), level, max_points)
-    return tuple(Profile(**found) for found in work.map("profiles", _compute_profile, shared, list(chosen)))
+    return tuple(Profile(**stored) for stored in work.map("profiles", _compute_profile, shared, list(chosen)))
 
 
 def profile_ends(
@@ -209,9 +209,9 @@ def profile_ends(
     A profile has a sentence if a half-width differs by 10 % from the Laplace interval, or a better fit was met. `level` is the
     probability of the interval; `seed` is not used.
     """
-    found = profiles(problem, estimate, level=level, work=work)
-    notes = tuple(item.words for item in found if item.nonlinearity >= 0.1 or item.better < -0.01)
-    return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
+    computed = profiles(problem, estimate, level=level, work=work)
+    notes = tuple(item.words for item in computed if item.nonlinearity >= 0.1 or item.better < -0.01)
+    return np.array([(item.lower, item.upper) for item in computed]).reshape(-1, 2), notes
 
 
 def _compute_profile(
@@ -222,8 +222,8 @@ def _compute_profile(
     `shared` holds problem, estimate, level and the largest number of points on a side.
     """
     problem, estimate, level, max_points = shared
-    found = profile(problem, estimate.with_transform(problem.physical), parameter, level, max_points)
-    return {entry.name: getattr(found, entry.name) for entry in fields(found)}
+    computed = profile(problem, estimate.with_transform(problem.physical), parameter, level, max_points)
+    return {entry.name: getattr(computed, entry.name) for entry in fields(computed)}
 
 
 def _position(estimate: Estimate, parameter: str | int) -> int:
@@ -297,25 +297,25 @@ class _Side:
         inside, outside = (start, 0.0, 1 / step), None
         moved = 0.5 * self.sign * target * step
         for _ in range(self.max_points):
-            at = inside[0] + moved
-            if abs(at - start) > farthest:
-                at = start + self.sign * farthest
-                if inside[0] == at:
+            trial = inside[0] + moved
+            if abs(trial - start) > farthest:
+                trial = start + self.sign * farthest
+                if inside[0] == trial:
                     break
-            fitted = self._fit_others(theta, at)
+            fitted = self._fit_others(theta, trial)
             if fitted is None:
                 break
             theta_new, deviance, slope = fitted
-            points.append((at, deviance, theta_new))
+            points.append((trial, deviance, theta_new))
             root = np.sqrt(max(deviance, 0.0))
             if abs(root - target) <= _END_TOLERANCE * target:
-                return sorted(points, key=lambda p: self.sign * p[0]), at
+                return sorted(points, key=lambda p: self.sign * p[0]), trial
             rate = abs(slope) / (2 * root) if root > 0 else 0.0
             if root < target:
-                inside, theta = (at, root, rate), theta_new
+                inside, theta = (trial, root, rate), theta_new
             else:
-                outside = (at, root, rate)
-            moved = self._next(inside, outside, (at, root, rate)) - inside[0]
+                outside = (trial, root, rate)
+            moved = self._next(inside, outside, (trial, root, rate)) - inside[0]
         return sorted(points, key=lambda p: self.sign * p[0]), self.sign * np.inf
 
     def _is_linear(self) -> bool:
@@ -340,8 +340,8 @@ class _Side:
         variable, root of the deviance, and slope of this root.
         """
         start = float(self.estimate.theta[self.index])
-        at, root, rate = last
-        newton = at + self.sign * (self.quantile - root) / rate if rate > 0 else self.sign * np.inf
+        trial, root, rate = last
+        newton = trial + self.sign * (self.quantile - root) / rate if rate > 0 else self.sign * np.inf
         if outside is None:
             farthest = inside[0] + 2 * max(abs(inside[0] - start), 1e-300) * self.sign
             return farthest if self.sign * (newton - farthest) > 0 else newton

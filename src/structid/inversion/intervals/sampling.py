@@ -200,8 +200,8 @@ def sampled_ends(
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
-    found = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)
-    return found.interval(level), found.words
+    samples = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)
+    return samples.interval(level), samples.words
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,9 +251,9 @@ class _Target:
         (least, log_slope), none, theta = self._at_centre, np.zeros(len(x)), self.centre + self.factor @ x
         try:
             with np.errstate(all="ignore"):
-                at = self.problem.linearize(theta)
-                value = 0.5 * (least - float(at.residual @ at.residual))
-                gradient = -at.jacobian.T @ at.residual
+                linearization = self.problem.linearize(theta)
+                value = 0.5 * (least - float(linearization.residual @ linearization.residual))
+                gradient = -linearization.jacobian.T @ linearization.residual
                 if self.flat_in == "physical":
                     value += float(np.log(np.abs(self.problem.slope(theta))).sum()) - log_slope
                     gradient = gradient + _log_slope_derivative(self.problem, theta)
@@ -294,12 +294,14 @@ def _by_nuts(
     total = n_warmup + n_draws
     for first in range(0, max(total, 1), _AT_ONCE):
         name = f"chains to draw {min(first + _AT_ONCE, total)} of {total}"
-        found = work.map(name, _chain_piece, (target, n_warmup, n_draws), states)
-        for own, piece in zip(kept, found, strict=True):
-            own.append(np.asarray(piece["draws"]))
-        states = [{key: piece[key] for key in ("chain", "random")} for piece in found]
+        pieces = work.map(name, _chain_piece, (target, n_warmup, n_draws), states)
+        for draws_of_chain, piece in zip(kept, pieces, strict=True):
+            draws_of_chain.append(np.asarray(piece["draws"]))
+        states = [{key: piece[key] for key in ("chain", "random")} for piece in pieces]
     chains = [restored(state["chain"]) for state in states]
-    draws = np.array([np.concatenate(own) @ chain.factor.T for own, chain in zip(kept, chains, strict=True)])
+    draws = np.array(
+        [np.concatenate(draws_of_chain) @ chain.factor.T for draws_of_chain, chain in zip(kept, chains, strict=True)]
+    )
     return _Drawn(
         draws, sum(int(chain.n_divergent) for chain in chains), sum(int(chain.n_gradients) for chain in chains)
     )
@@ -391,9 +393,9 @@ def _split(draws: FloatArray) -> FloatArray:
 
 def _rank_normal(draws: FloatArray) -> FloatArray:
     """Normal quantiles of (rank - 3/8) / (S + 1/4) for all S `draws` together, in their shape; equal draws have their mean rank."""
-    _, place, counts = np.unique(draws, return_inverse=True, return_counts=True)
+    _, rank_of, counts = np.unique(draws, return_inverse=True, return_counts=True)
     ranks = np.cumsum(counts) - 0.5 * (counts - 1)
-    return special.ndtri((ranks - 0.375) / (draws.size + 0.25))[place].reshape(draws.shape)
+    return special.ndtri((ranks - 0.375) / (draws.size + 0.25))[rank_of].reshape(draws.shape)
 
 
 def _r_hat(chains: FloatArray) -> float:

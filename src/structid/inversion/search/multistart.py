@@ -472,11 +472,11 @@ def distinct_answers(
     """
     groups: list[list[Minimum]] = []
     for minimum in sorted((m for m in minima if m.converged), key=cost_rank):
-        own = next((g for g in groups if are_same(g[0], minimum)), None)
-        if own is None:
+        group_of = next((g for g in groups if are_same(g[0], minimum)), None)
+        if group_of is None:
             groups.append([minimum])
         else:
-            own.append(minimum)
+            group_of.append(minimum)
     answers = []
     for group in groups:
         first, best = group[0], groups[0][0]
@@ -519,5 +519,5 @@ def are_same(first: Minimum, second: Minimum) -> bool:
 def _distance(first: Minimum, second: Minimum) -> float:
     """Distance of two minima in posterior standard deviations; the larger of the values by their two linearizations."""
     step = second.theta - first.theta
-    found = max(float(np.linalg.norm(m.linearization.product(step))) for m in (first, second))
-    return found if np.isfinite(found) else np.inf
+    distance = max(float(np.linalg.norm(m.linearization.product(step))) for m in (first, second))
+    return distance if np.isfinite(distance) else np.inf

@@ -91,8 +91,8 @@ def _draw_residuals(
     n_params = len(middle)
     half = rng.standard_normal((max(_FEWEST_DRAWS, _DRAWS_EACH * n_params) // 2, n_params))
     draws, low_high = np.concatenate([half, -half]), problem.unknowns.reach.T
-    found = [residual_at(problem, np.clip(middle + factor @ draw, *low_high)) for draw in draws]
-    had = [(draw, residual) for draw, residual in zip(draws, found, strict=True) if residual is not None]
+    residuals = [residual_at(problem, np.clip(middle + factor @ draw, *low_high)) for draw in draws]
+    had = [(draw, residual) for draw, residual in zip(draws, residuals, strict=True) if residual is not None]
     return np.array([draw for draw, _ in had]).reshape(-1, n_params), np.array([residual for _, residual in had])
 
 

@@ -141,9 +141,11 @@ def restored_minimum(problem: Problem, method: Method, stored: StoredValues) -> 
     """Minimum restored from the arrays `stored` by `stored_minimum`, linearized anew."""
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
-    at = method.at(problem, theta).at
+    linearization = method.at(problem, theta).at
     stages = tuple(
         StageCourse(str(stage["name"]), np.asarray(stage["history"]), np.asarray(stage["costs"]))
         for stage in stored["stages"]
     )
-    return Minimum(theta, at, history, costs, inner, bool(stored["converged"]), str(stored["message"]), stages)
+    return Minimum(
+        theta, linearization, history, costs, inner, bool(stored["converged"]), str(stored["message"]), stages
+    )

@@ -80,7 +80,7 @@ def whole(
         return GaplessSamples(kept, begins, "")
     longest = options.longest_gap or 0
     gaps = {j: flagged_runs(missing[:, j]) for j in np.flatnonzero(missing.any(axis=0)).tolist()}
-    if any(b - a > longest or a == 0 or b == len(kept) for found in gaps.values() for a, b in found):
+    if any(b - a > longest or a == 0 or b == len(kept) for runs in gaps.values() for a, b in runs):
         here = None if lines is None else Lines(lines.first + first, lines.columns)
         raise FileError(f"{path}: {_describe_gaps(gaps, missing, channels, rate, begins, here, named)}")
     for j in gaps:

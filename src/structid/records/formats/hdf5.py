@@ -73,14 +73,14 @@ def _with_stated_units(
         texts = tuple(text.strip() for text in stated.get(array, ()) if text.strip())
         if not array or not texts:
             continue
-        given = getattr(options, key)
-        if not given:
+        option = getattr(options, key)
+        if not option:
             changes[key] = texts if key == "units" else texts[0]
             words.append(f"{array} in {', '.join(dict.fromkeys(texts))} by its attribute")
-        elif given and not _agree(key, given, texts):
+        elif option and not _agree(key, option, texts):
             raise InputError(
                 f"{path}: array {array!r} states {', '.join(dict.fromkeys(texts))} as its unit, but `{key}`"
-                f" {given if isinstance(given, str) else ', '.join(given)} was given; leave it out",
+                f" {option if isinstance(option, str) else ', '.join(option)} was given; leave it out",
                 key,
             )
     return replace(options, **changes), ", ".join(words)

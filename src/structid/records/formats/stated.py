@@ -205,13 +205,16 @@ def _is_other_unit(stated: FrfUnit | Unit, options: ReadOptions, channel: int | 
 
     `channel` is the index of the channel whose option counts; None compares with the options of all channels.
     """
-    given: list[tuple[str, float]]
+    by_options: list[tuple[str, float]]
     if options.frequency_array:
-        given = [parse_frf_unit(options.unit)[:2]] if options.unit else []
+        by_options = [parse_frf_unit(options.unit)[:2]] if options.unit else []
     else:
         texts = options.units if channel is None else options.units[channel : channel + 1]
-        given = [*(parse_unit(unit)[:2] for unit in texts), *((name, 1.0) for name in options.quantities if not texts)]
-    return any(kind == stated[0] and abs(factor / stated.factor - 1) > 1e-9 for kind, factor in given)
+        by_options = [
+            *(parse_unit(unit)[:2] for unit in texts),
+            *((name, 1.0) for name in options.quantities if not texts),
+        ]
+    return any(kind == stated[0] and abs(factor / stated.factor - 1) > 1e-9 for kind, factor in by_options)
 
 
 def _require_channels(path: Path, name: str, texts: tuple[str, ...], options: ReadOptions) -> None:
@@ -219,10 +222,10 @@ def _require_channels(path: Path, name: str, texts: tuple[str, ...], options: Re
 
     `texts` are the names in the statement `name`; nothing is compared unless all of them are degrees of freedom.
     """
-    stated, given = [as_dof(text) for text in texts], [as_dof(text) for text in options.channels]
-    if None not in stated and len(stated) == len(given) and stated != given:
+    stated, wanted = [as_dof(text) for text in texts], [as_dof(text) for text in options.channels]
+    if None not in stated and len(stated) == len(wanted) and stated != wanted:
         raise InputError(
-            f"{path}: {name} says channels {', '.join(map(str, stated))}, but `channels` {', '.join(map(str, given))} was given;"
+            f"{path}: {name} says channels {', '.join(map(str, stated))}, but `channels` {', '.join(map(str, wanted))} was given;"
             " correct one of them, or rename channels with `relabel` of a study",
             "channels",
         )

@@ -169,17 +169,17 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     _require_rate(record, wanted)
     result = _cut_interval(_select_channels(record, wanted, steps), wanted, steps)
     low = None if wanted.band is None else wanted.band[0]
-    found = [*signal_checks(result, None if low is None else (low, np.inf))]
+    findings = [*signal_checks(result, None if low is None else (low, np.inf))]
     off = {"spikes": wanted.outliers, "drop_out": wanted.dropouts, "late_start": wanted.dropouts}
-    found = [finding for finding in found if off.get(finding.kind) != "none"]
+    findings = [finding for finding in findings if off.get(finding.kind) != "none"]
     replaced = wanted.dropouts == "replace", wanted.outliers == "replace"
     result, repairs = _repair_samples(result, *replaced, longest_gap=wanted.longest_gap)
     steps += repairs
     result = _remove_trend(result, wanted.detrend, steps)
     result = _decimate(result, wanted, steps)
-    result, tones = _remove_tones(result, wanted, steps, found)
-    result = _filter_band(result, wanted, steps, found)
-    return Prepared(result, tuple(steps), tuple(found), tones)
+    result, tones = _remove_tones(result, wanted, steps, findings)
+    result = _filter_band(result, wanted, steps, findings)
+    return Prepared(result, tuple(steps), tuple(findings), tones)
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:

@@ -89,15 +89,15 @@ def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, in
     usual = np.quantile(lengths, 0.98)
     rare &= lengths > (8 * usual if usual > 1 else 4)
     least = 4 * quantum(y) if rare.any() else 0.0
-    found = []
+    runs_found = []
     for i in np.flatnonzero(rare):
         start, stop = int(starts[i]), int(stops[i])
         if besides is not None and besides[start]:
             continue
         around = [part for part in (y[before[i] : start], y[stop : after[i]]) if len(part)]
         if max(np.ptp(part) for part in around) >= least:
-            found.append((start, stop))
-    return found
+            runs_found.append((start, stop))
+    return runs_found
 
 
 def spikes(y: FloatArray) -> Flags:

@@ -54,10 +54,10 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
     >>> signal_checks(record)[0].words
     'channel 2X+ velocity is 0 at every sample; check sensor and cable, or leave the channel out with `channels`'
     """
-    found = channel_checks(record)
-    silent = {one.channel for one in found if one.kind in ("constant", "dead")}
+    findings = channel_checks(record)
+    silent = {finding.channel for finding in findings if finding.kind in ("constant", "dead")}
     sound = [i for i in range(len(record.channels)) if channel_name(record, i) not in silent]
-    return (*found, *spectral_checks(record, sound, band))
+    return (*findings, *spectral_checks(record, sound, band))
 
 
 def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:

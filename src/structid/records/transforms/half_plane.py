@@ -67,31 +67,31 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
     ----------
     Shin and Cha (2009), Geophysical Journal International 177, 1067-1079: inversion in the Laplace-Fourier domain.
     """
-    at, depth = np.atleast_1d(np.asarray(frequency, float)), np.atleast_1d(np.asarray(decay, float))
-    own = 0.0 if record.decay is None else float(record.decay[0])
+    lines, depth = np.atleast_1d(np.asarray(frequency, float)), np.atleast_1d(np.asarray(decay, float))
+    record_decay = 0.0 if record.decay is None else float(record.decay[0])
     if record.decay is not None and np.ptp(record.decay) > 0:
         raise InputError("`record` must have one decay for all lines, got several; give what was measured")
-    if at.shape != depth.shape or not (depth > own).all():
+    if lines.shape != depth.shape or not (depth > record_decay).all():
         raise InputError(
-            f"`decay` must hold one value above {own:g} 1/s a line, got {depth.shape} for {at.shape} lines"
+            f"`decay` must hold one value above {record_decay:g} 1/s a line, got {depth.shape} for {lines.shape} lines"
         )
     used = record.lines(np.flatnonzero(record.frequency > 0)) if record.frequency[0] == 0 else record
     if len(used.frequency) < 8:
         raise InputError(f"the Poisson integral needs at least 8 lines, got {len(used.frequency)}")
-    values, variance = _smooth_best_kind(used, depth + 2j * np.pi * at, own)
+    values, variance = _smooth_best_kind(used, depth + 2j * np.pi * lines, record_decay)
     size = np.abs(values)
     error = np.maximum(np.sqrt(variance), SMALLEST_ERROR * size)
     poor = error > LARGEST_ERROR * size
     keep = np.flatnonzero(~poor.all(axis=(1, 2)))
     if not keep.size:
         raise InputError(
-            f"no line of {at[0]:g}-{at[-1]:g} Hz has an error below {100 * LARGEST_ERROR:.0f} % after the Poisson integral:"
+            f"no line of {lines[0]:g}-{lines[-1]:g} Hz has an error below {100 * LARGEST_ERROR:.0f} % after the Poisson integral:"
             " `decay` is too small for the spacing of the lines, or the band too short; give finer lines or a larger decay"
         )
     error = np.where(poor, 100 * np.maximum(error, size), error)
     return replace(
         record,
-        frequency=at[keep],
+        frequency=lines[keep],
         values=values[keep],
         variance=np.square(error[keep]),
         coherence=None,

@@ -154,7 +154,9 @@ def _loads_and_sensors(
     forces nor loads.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
-    forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
+    forces, supports = (
+        [dof for dof, quantity_of in pairs if quantity_of == name] for name in ("force", "support_acceleration")
+    )
     loads = inputs or tuple(forces or supports)
     moving = (dof for dof, quantity in pairs if quantity != "force" and dof not in loads)
     return loads, outputs or tuple(dict.fromkeys(moving))

@@ -85,14 +85,14 @@ class SubstructureCoupling:
         (n_dofs, n_loads); forces are (n, n_joined, n_loads). The other arguments are those of `fields`.
         """
         n_joined = self.joined.shape[1]
-        given = np.zeros((n_joined, right.shape[1]))
-        given[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
+        prescribed = np.zeros((n_joined, right.shape[1]))
+        prescribed[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
         for part, fields in self.free.fields(physical, coefficients, self._with_interface_forces(right)):
             seen = read(self._reader, fields)
             yield (
                 part,
                 fields,
-                np.linalg.solve(self.receptance[part] + seen[:, :, :n_joined], seen[:, :, n_joined:] - given),
+                np.linalg.solve(self.receptance[part] + seen[:, :, :n_joined], seen[:, :, n_joined:] - prescribed),
             )
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:

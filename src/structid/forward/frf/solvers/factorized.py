@@ -53,8 +53,8 @@ class DenseSolver:
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
-        at = self.at(physical, coefficients, loads)
-        return at.solve_in_chunks(coefficients, np.arange(at.loads.shape[1]))
+        dense = self.at(physical, coefficients, loads)
+        return dense.solve_in_chunks(coefficients, np.arange(dense.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
@@ -240,10 +240,10 @@ class SparseSolver:
             stiffness, right = self.stiffness(physical, coefficients), loads.toarray()
             with single_blas():
                 return reduced_sweep(stiffness, self.pattern.indices, right, self.channels.sensors, self.reduced).values
-        found = np.empty((len(self.frequency), self.channels.sensors.shape[1], len(columns)), dtype=np.complex128)
+        readings = np.empty((len(self.frequency), self.channels.sensors.shape[1], len(columns)), dtype=np.complex128)
         for part, fields in self.fields(physical, coefficients, loads):
-            found[part] = self.channels.read(fields)
-        return found
+            readings[part] = self.channels.read(fields)
+        return readings
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
         """`LineDerivatives` of the readings, one line after another, or all at once where a reduced basis is used.
@@ -262,7 +262,7 @@ class SparseSolver:
         if sweep is not None and len(forces.indices) > n_params * sweep.n_basis:
             yield self.last_sweep.derived(self._key(physical, coefficients), sweep, sides, forces, factors)
             return
-        used, place = np.unique(sides.inputs[0], return_inverse=True)
+        used, column_of = np.unique(sides.inputs[0], return_inverse=True)
         few = not sides.n_contacts and n_params * len(used) < sides.columns.shape[1] - len(used)
         direct = few and sweep is None
         right = sides.columns[:, used].toarray() if direct else sides.columns.toarray()
@@ -277,16 +277,16 @@ class SparseSolver:
                     fields = solver.solve(right)
                 read = sides.reader @ fields
                 if direct:
-                    values, reach = read[:, place] * sides.inputs[1], np.zeros((n_sensors, 0))
+                    values, reach = read[:, column_of] * sides.inputs[1], np.zeros((n_sensors, 0))
                     moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
                     changes = list(np.swapaxes((sides.reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
                 else:
                     values, reach = sides.under_loads(read), sides.under_sensors(read)[:, sides.n_outputs :]
                     products = forces.products(factors[line], fields[:, used], fields)
                     changes = [product.T[sides.outputs[0]] for product in products]
-                derivative = np.empty((1, n_sensors, len(place), n_params), dtype=np.complex128)
+                derivative = np.empty((1, n_sensors, len(column_of), n_params), dtype=np.complex128)
                 signs = np.ones(n_sensors) if direct else sides.outputs[1]
-                for column, (row, sign) in enumerate(zip(place, sides.inputs[1], strict=True)):
+                for column, (row, sign) in enumerate(zip(column_of, sides.inputs[1], strict=True)):
                     np.multiply(changes[row], (-sign * signs)[:, None], out=derivative[0, :, column])
                 yield LineDerivatives(slice(line, line + 1), values[None], derivative, reach[None])
 
@@ -421,17 +421,17 @@ class LastSweep:
         `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x at each line.
         """
         x = sweep.basis.all_coordinates()
-        used, place = np.unique(sides.inputs[0], return_inverse=True)
-        change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, place]
+        used, column_of = np.unique(sides.inputs[0], return_inverse=True)
+        change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, column_of]
         change *= -sides.inputs[1][:, None]
         values = sides.under_loads(sweep.basis.read(sides.sensors))
-        found = LineDerivatives(slice(0, len(x)), values, change, np.zeros((*values.shape[:2], 0)))
+        derivatives = LineDerivatives(slice(0, len(x)), values, change, np.zeros((*values.shape[:2], 0)))
         most = int(_MOST_BYTES // change.nbytes)
         while self.derivatives and len(self.derivatives) >= most:
             del self.derivatives[next(iter(self.derivatives))]
         if most:
-            self.derivatives[key] = found
-        return found
+            self.derivatives[key] = derivatives
+        return derivatives
 
     def __getstate__(self) -> dict[str, object]:
         """Without the fields, which are large."""

@@ -101,10 +101,10 @@ class TabulatedFrf:
 
     @cached_property
     def _places(self) -> tuple[IntArray, tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
-        own = self.element
-        found = own.table.lines(self.record.frequency)
+        element = self.element
+        lines = element.table.lines(self.record.frequency)
         return (
-            found,
-            own.channel_indices(self.record.outputs, "output"),
-            own.channel_indices(self.record.inputs, "input"),
+            lines,
+            element.channel_indices(self.record.outputs, "output"),
+            element.channel_indices(self.record.inputs, "input"),
         )

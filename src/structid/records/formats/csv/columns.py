@@ -521,11 +521,11 @@ def _output_first(heads: list[_ColumnHeader], options: ReadOptions) -> list[_Col
     They are exchanged only if the options `outputs` and `inputs`, or their numbers, fit the exchanged order alone.
     """
     names = [list(dict.fromkeys(pair)) for pair in zip(*((head.output, head.input) for head in heads), strict=True)]
-    counts = [len(own) for own in names]
+    counts = [len(labels) for labels in names]
     if all(map(as_dof, names[0] + names[1])):
-        given = {as_dof(name) for name in options.inputs}
+        inputs = {as_dof(name) for name in options.inputs}
         is_turned = (
-            bool(given) and given >= {as_dof(name) for name in names[0]} and not given >= set(map(as_dof, names[1]))
+            bool(inputs) and inputs >= {as_dof(name) for name in names[0]} and not inputs >= set(map(as_dof, names[1]))
         )
     else:
         wanted = [len(options.outputs), len(options.inputs)]
