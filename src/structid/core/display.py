@@ -90,13 +90,13 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
 
 
-def names_like(text: str, names: Sequence[str], most: int = 3) -> list[str]:
-    """At most `most` of `names` that `text` may stand for: those that begin with it in any case, then those spelled alike.
+def names_like(text: str, names: Sequence[str]) -> list[str]:
+    """At most three of `names` that `text` may stand for: those that begin with it in any case, then those spelled alike.
 
     The list is empty where no name is like it.
     """
     begin = [name for name in names if text and name.lower().startswith(text.lower())]
-    return list(dict.fromkeys([*begin, *difflib.get_close_matches(text, names, most)]))[:most]
+    return list(dict.fromkeys([*begin, *difflib.get_close_matches(text, names)]))[:3]
 
 
 def as_sentence(words: str) -> str:

@@ -191,13 +191,13 @@ def _regularize_by_draws(
         return Regularized(regularized_problems(strengths), tuple(regularizations))
     if options.pole_free_start:
         theta = _run_first_stages(regularized_problems(strengths), method, theta, progress, work)
-    told = named(progress, "strength of smoothness")
-    found = settled_strengths(made, differences, stated, strengths, theta, options.seed, told, work.minimize)
+    named_progress = named(progress, "strength of smoothness")
+    drawn = settled_strengths(made, differences, stated, strengths, theta, options.seed, named_progress, work.minimize)
     regularizations = [
-        _applied_regularization(term, part.target, s, found.converged, count)
-        for term, part, s, count in zip(terms, unit, found.strengths, found.determined, strict=True)
+        _applied_regularization(term, part.target, s, drawn.converged, count)
+        for term, part, s, count in zip(terms, unit, drawn.strengths, drawn.determined, strict=True)
     ]
-    return Regularized(regularized_problems(found.strengths), tuple(regularizations), found.theta)
+    return Regularized(regularized_problems(drawn.strengths), tuple(regularizations), drawn.theta)
 
 
 def _regularize_by_local_models(
@@ -223,7 +223,7 @@ def _regularize_by_local_models(
     )
     scatters = {
         scatter.name: found_scatter(
-            _with_penalties_as_data(answer.model, [k], answer.strengths), [float(answer.strengths[k])], 0
+            _with_penalties_as_data(answer.model, [k], answer.strengths), float(answer.strengths[k])
         )
         for k, scatter in enumerate(search.scatters, n_terms)
     }

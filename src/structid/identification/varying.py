@@ -155,28 +155,28 @@ def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ..
     return tuple(scatter for scatter in scatter_problems(problems) if scatter.name not in stated)
 
 
-def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
-    """Interval of a scatter that the data choose, and the covariance that not knowing it exactly adds.
+def found_scatter(model: LocalModel, strength: float) -> FoundScatter:
+    """95 % interval of a scatter that the data choose, and the covariance that not knowing it exactly adds.
 
-    The restricted likelihood times a uniform prior on the scatter is evaluated on a grid. `strengths` (1 / scatter^2) are those
-    of all penalties of `model`, `index` is the position of the scatter among them.
+    The restricted likelihood times a uniform prior on the scatter is evaluated on a grid. The only penalty of `model` is that of
+    the scatter; `strength` (1 / scatter^2) is the one chosen.
 
     References
     ----------
     Gelman (2006), Bayesian Analysis 1, 515, section 2.2, for the prior; Harville (1974), Biometrika 61, 383, Eq. (2), for the
     restricted likelihood as a marginal one.
     """
-    grid = np.geomspace(_LEAST / np.sqrt(model.balance(index)), _MOST, _GRID)
+    grid = np.geomspace(_LEAST / np.sqrt(model.balance(0)), _MOST, _GRID)
     grid = grid[grid <= _MOST]
     log_weight, fits = [], []
     for std in grid:
-        trial = tuple(float(std**-2) if k == index else s for k, s in enumerate(strengths))
+        trial = (float(std**-2),)
         log_weight.append(log_evidence(model, trial) + float(np.log(std)))
         fits.append(model.solved(trial))
     weight = np.exp(np.array(log_weight) - max(log_weight))
     weight /= weight.sum()
     ends = np.exp(np.interp([0.025, 0.975], np.cumsum(weight) - weight / 2, np.log(grid)))
-    chosen = model.solved(tuple(strengths))
+    chosen = model.solved((strength,))
     steps = np.array([fit.step for fit in fits])
     away = steps - weight @ steps
     mixed = np.tensordot(weight, np.array([fit.covariance for fit in fits]), 1) + (away * weight[:, None]).T @ away

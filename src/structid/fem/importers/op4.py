@@ -30,6 +30,8 @@ _BINARY_REMEDY = "the file is cut short or damaged; copy it in binary mode or wr
 _FORMAT = re.compile(rb"(?:1P,?)?\s*(\d+)\s*[EDG](\d+)\.(\d+)", re.IGNORECASE)
 #: Letters of a form that are looked at.
 _LONGEST = 100
+#: Entries of a string of the sparse layout at most: its length has 15 bits and is counted in words.
+_LONGEST_STRING = 4096
 _TEXT_REMEDY = "the file is cut short or damaged; copy it or write it again"
 
 
@@ -584,18 +586,22 @@ def _strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, 
         row, column, values = _fill_columns(matrix)
     begins = np.ones(len(row), dtype=bool)
     begins[1:] = (np.diff(row) != 1) | (np.diff(column) != 0)
-    if layout == "sparse":  # the length of a string has 15 bits, counted in words
-        begins |= _cut(begins, 4096)
+    if layout == "sparse":
+        begins |= _cut_long_strings(begins)
     first = np.flatnonzero(begins)
     length = np.diff(np.append(first, len(row)))
     shape = (int(matrix.shape[0]), int(matrix.shape[1]))
     return _Strings(name, shape, form, kind, layout, row[first], column[first], length, first, np.array(values))
 
 
-def _cut(begins: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+def _cut_long_strings(begins: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask of the entries that begin a string when strings are cut after `_LONGEST_STRING` entries, (n_entries,).
+
+    `begins` (n_entries,) marks the entries that begin one anyway.
+    """
     index = np.arange(len(begins))
     start = np.maximum.accumulate(np.where(begins, index, 0))
-    return (index - start) % longest == 0
+    return (index - start) % _LONGEST_STRING == 0
 
 
 def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:

@@ -511,7 +511,7 @@ def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) ->
     return *stages, ("measured FRFs, prior at the start", near.subsampled() or near)
 
 
-def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:
+def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float) -> FrfProblem:
     """Stage of `decay_continuation` with the data `record`, an entry of `smoothed_records`.
 
     `start_error` is the standard deviation of the prior at the start, in the logarithm.
@@ -526,6 +526,7 @@ def _with_start_prior(problem: FrfProblem, start_error: float) -> FrfProblem:
 
 
 def _smooth_stage(near_start: FrfProblem, record: FrfRecord) -> FrfProblem:
+    """`near_start` with the data `record` and residuals of the logarithm, without model error."""
     return replace(near_start, form="log", model_error=0.0, record=record)
 
 
