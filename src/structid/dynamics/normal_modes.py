@@ -153,11 +153,11 @@ def _small_modes(
 def _large_modes(
     mass: sparse.csc_array, stiffness: sparse.csc_array, n_modes: int, strains: Strains | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a large sparse model.
+    """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of the `n_modes` lowest modes.
 
-    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency. If a large part of all modes is wanted, the
-    model is solved densely after all. `strains` makes an operator B with K = B'B, by which roundings of K are avoided; None,
-    or a result of None, leaves them.
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency, of sparse `mass` and `stiffness` (n_dofs,
+    n_dofs). If a large part of all modes is wanted, the model is solved densely after all. `strains` makes an operator B with K
+    = B'B, by which roundings of K are avoided; None, or a result of None, leaves them.
     """
     n_with_mass = int((mass.diagonal() > 0).sum())
     if _MOST_BY_LANCZOS * n_modes >= n_with_mass:
@@ -189,8 +189,8 @@ def frequencies_between(
 ) -> tuple[FloatArray, bool]:
     """Natural frequencies (n_modes,) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    `known` are the lowest modes of the model. If the list is not complete, as in a large model, it may hold only the first
-    such frequency.
+    `known` are the lowest modes of the model, whose `mass` and `stiffness` are (n_dofs, n_dofs). If the list is not complete,
+    as in a large model, it may hold only the first such frequency.
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
@@ -231,7 +231,7 @@ def _lanczos_modes(
 def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: float, scale: float) -> LinearOperator:
     """Inverse of B'B + `shift` M as a linear operator, from B itself (`operator`, (n_strains, n_dofs)).
 
-    `scale` is about the least singular value of B with its columns scaled to norm 1.
+    `mass` M is (n_dofs, n_dofs); `scale` is about the least singular value of B with its columns scaled to norm 1.
     """
     n_strains, n = operator.shape
     size = 1 / np.sqrt(np.asarray(operator.multiply(operator).sum(axis=0)).ravel())
@@ -242,6 +242,7 @@ def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: f
     factor = splu(sparse.csc_matrix(matrix))
 
     def solve(forces: FloatArray) -> FloatArray:
+        """Displacements K^-1 `forces`, for one force vector (n,) or several (n, n_columns), of the shape of `forces`."""
         columns = forces.reshape(n, -1)
         right = np.concatenate([np.zeros((n_strains, columns.shape[1])), (-size / scale)[:, None] * columns])
         return np.asarray(size[:, None] * factor.solve(right)[n_strains:]).reshape(forces.shape)
@@ -291,9 +292,9 @@ def _modes_of_root(
 
 
 def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Relative rounding errors, (n_modes,), of frequencies `omega` (rad/s) that come from strains.
+    """Relative rounding errors, (n_modes,), of frequencies `omega` (n_modes,) in rad/s that come from strains.
 
-    `shapes` (n_dofs, n_modes) are mass-normalized.
+    `shapes` (n_dofs, n_modes) are mass-normalized; `stiffness` (n_dofs, n_dofs) gives the size of the strains.
     """
     size = np.abs(shapes)
     strained = np.sqrt(np.einsum("ij,ij->j", size, abs(stiffness) @ size))
@@ -314,11 +315,12 @@ def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: Flo
 
 
 def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
-    """Negative shift, (rad/s)^2, just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
+    """Negative shift, (rad/s)^2, just below the lowest eigenvalues, and the inverse of K - shift M.
 
-    The inverse is None if a diagonal entry is 0. A mean of all eigenvalues is a safe shift, also for a structure that can move
-    freely, but on a fine mesh it lies millions of times above the lowest, which Lanczos then cannot tell apart. Inverse
-    iterations of a small block show how far below they lie, and the shift follows until it is near them.
+    `stiffness` K and `mass` M are (n_dofs, n_dofs). The inverse is None if a diagonal entry is 0. A mean of all eigenvalues is
+    a safe shift, also for a structure that can move freely, but on a fine mesh it lies millions of times above the lowest,
+    which Lanczos then cannot tell apart. Inverse iterations of a small block show how far below they lie, and the shift follows
+    until it is near them.
     """
     shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
     least = _LEAST * shift

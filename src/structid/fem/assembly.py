@@ -101,6 +101,7 @@ def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_
 
 
 def _boolean_pattern(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
+    """Sparse (n, n) array of True at the positions `row` and `column` (n_entries,); doubled positions count once."""
     kind = index_kind(max(n, len(row)))
     positions = row.astype(kind, copy=False), column.astype(kind, copy=False)
     return sparse.coo_array((np.ones(len(row), dtype=np.bool_), positions), (n, n)).tocsr()

@@ -100,11 +100,11 @@ class ShearFactor(Factor):
 
     @property
     def value_indices(self) -> tuple[slice, ...]:
-        """See `Factor.value_indices`."""
+        """Indices of the bending stiffnesses and of the shear stiffnesses among the values of the structure, one an element."""
         return (self.bending, self.shear)
 
     def of(self, values: FloatArray) -> FloatArray:
-        """See `Factor.of`."""
+        """Shear ratios over their nominal values, to the power, (n_elements,), at property `values` (n_values,)."""
         relative: FloatArray = (
             shear_ratio(values[self.bending], values[self.shear], self.ratio) / self.nominal
         ) ** self.power
@@ -141,16 +141,16 @@ class Monomial(Factor):
 
     @property
     def value_indices(self) -> tuple[slice, ...]:
-        """See `Factor.value_indices`."""
+        """Indices of each property's values among those of the structure, one an element."""
         return self.at
 
     def of(self, values: FloatArray) -> FloatArray:
-        """See `Factor.of`."""
+        """Products of the powers, (n_elements,), at property `values` (n_values,) of the structure."""
         first, *others = self._powers(values)
         return math.prod(others, start=first)
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the product by the values at `value_indices[number]`, (n_elements,); see `Factor.slope`."""
+        """Derivative of the products by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
         powers = self._powers(values)
         rows, reference, exponent = self._parts[number]
         slope = exponent * (values[rows] / reference) ** (exponent - 1) / reference
@@ -180,16 +180,16 @@ class LengthFactor(Factor):
 
     @property
     def value_indices(self) -> tuple[ValueIndex, ...]:
-        """See `Factor.value_indices`."""
+        """Indices of the positions of nodes, and of a common factor on lengths, that each element's length depends on."""
         return self.length_dependence.at
 
     def of(self, values: FloatArray) -> FloatArray:
-        """See `Factor.of`."""
+        """Lengths over the nominal ones, to the power, (n_elements,), at property `values` (n_values,) of the structure."""
         powers: FloatArray = self.length_dependence.ratio(values) ** self.power
         return powers
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """See `Factor.slope`, 1/m."""
+        """Derivatives of the factors by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
         steep = self.power * self.length_dependence.ratio(values) ** (self.power - 1) / self.length_dependence.lengths
         return steep * self.length_dependence.slopes[number]
 

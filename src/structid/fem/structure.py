@@ -270,6 +270,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _numbered(self) -> NumberedTerms:
+        """Matrix terms of all element sets, subdivided where asked, with the codes of degrees of freedom between the pieces."""
         used = [element.codes(self.nodes) for element in self.elements if not element.follows]
         present = joined_codes([*used, tied_codes(self._equations)])
         return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide, self.sliding)
@@ -466,6 +467,7 @@ class Structure(Shown, StructurePlots):
         return matrices
 
     def _pattern(self, kind: str) -> Pattern:
+        """Common sparsity pattern of the element matrices of one kind, such as "mass"; made once."""
         if kind not in self._patterns:
             self._patterns[kind] = pattern([part.blocks for part in self.contributions if part.matrix_kind == kind])
         return self._patterns[kind]

@@ -227,6 +227,7 @@ def _replace_code(
     """
 
     def replaced(codes: IntArray) -> IntArray:
+        """A copy of `codes` (n_elements, n_local) with `old` replaced by `new` in the chosen rows."""
         table = codes.copy()
         table[rows] = np.where(table[rows] == old, new, table[rows])
         return table

@@ -162,9 +162,9 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
 
 
 def _ask_child(path: Path, request: Mapping[str, JsonValue], seconds: float) -> _Answer:
-    """The answer of the running child, or of a new one if the child that served earlier requests has ended.
+    """The answer to `request` of the running child, or of a new one if the child that served earlier requests has ended.
 
-    Raises `FileError` if a new child ends on the file, or any child is late.
+    Raises `FileError`, which names `path`, if a new child ends on the file, or if any child takes longer than `seconds`.
     """
     while True:
         if not _running or _running[0].owner != os.getpid():

@@ -46,6 +46,7 @@ def matlab_variables(path: Path) -> dict[str, Variable]:
 
 
 def _is_73(path: Path) -> bool:
+    """True if the MAT file at `path` is of version 7.3, which is HDF5."""
     with path.open("rb") as stream:
         head = stream.read(520)
     return head.startswith((b"MATLAB 7.3", _HDF5_START)) or head[512:] == _HDF5_START

@@ -70,6 +70,7 @@ def npz_arrays(
 
 
 def _array_name(path: Path, member: zipfile.ZipInfo) -> str:
+    """Name of the array in `member` of the NPZ archive at `path`; `FileError` if the member is no NPY file."""
     if not member.filename.endswith(".npy"):
         raise FileError(f"{path}: holds {member.filename!r}, which is no array; write it with numpy.savez")
     return member.filename[: -len(".npy")]

@@ -211,7 +211,7 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def relative_error(self) -> FloatArray:
-        """See `RecordFit.relative_error`."""
+        """abs(predicted - measured) / abs(measured) of the first record, (n_evaluated, n_outputs, n_inputs)."""
         return self.fits[0].relative_error
 
     @property

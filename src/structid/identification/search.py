@@ -127,6 +127,7 @@ def search_parameters(
         trials.add(fit)
 
     def search_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
+        """Estimate of the joint problem of `current`, searched from `theta` (n_params,) alone."""
         near = Search(seed=options.seed, start=theta)
         fixed = fixed_values(freed_problems(setups, current, options.tolerances))
         return estimate(joint_problem(current), method, (), near, progress=progress, work=work, fixed=fixed)

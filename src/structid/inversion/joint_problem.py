@@ -62,11 +62,13 @@ class JointProblem(Problem):
         return joint_rows([problem.rows for problem in self.problems])
 
     def noise_law(self, theta: FloatArray) -> JointNoise:
+        """Block-diagonal covariance of the data rows of all problems, at the joint `theta` (n_params,)."""
         parts = zip(self.problems, self.unknowns.split(theta), strict=True)
         laws = tuple(problem.noise_law(part) for problem, part in parts)
         return JointNoise(laws, tuple(problem.n_data for problem in self.problems), self.unknowns.columns)
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        """Data rows of all problems, then the prior rows that no earlier problem states, at the joint `theta` (n_params,)."""
         if self._is_one:
             return self.problems[0].residual(theta)
         return self._stack_rows(

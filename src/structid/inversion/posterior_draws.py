@@ -151,6 +151,7 @@ def drawn_covariance(
 
 
 def _index_of(names: tuple[str, ...], name: str) -> int:
+    """Index of `name` in `names`; `InputError` if it is not there."""
     if name not in names:
         raise InputError(f"`solved` must name parameters, got {name!r}; the first of {len(names)} is {names[0]!r}")
     return names.index(name)

@@ -222,6 +222,7 @@ def l_curve_strength(model: LocalModel) -> float:
 
 
 def _ends(model: LocalModel) -> FloatArray:
+    """Lowest and highest strength that is searched, (2,); `InputError` unless `model` has one penalty."""
     if len(model.penalties) != 1:
         raise InputError(
             f"L-curve and discrepancy choose the strength of one penalty, got {len(model.penalties)};"

@@ -113,6 +113,7 @@ class _OtherUnknowns:
         return np.asarray(self.unknowns.slope(self.whole(others))[self.free])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
+        """Sizes of the other unknowns (n_free,) at their `physical` values, with the fixed ones at theirs."""
         whole = np.array(self.unknowns.physical(self.whole(self.theta_start)))
         whole[self.free] = physical
         return np.asarray(self.unknowns.sizes(whole)[self.free])
@@ -142,6 +143,7 @@ class _OtherScores:
         return self.law.factor
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
+        """Covariance of J'r (n_free, n_free) for the Jacobian (n_data, n_free) by the free unknowns; None as `law` gives it."""
         padded = np.zeros((len(jacobian), self.n_params))
         padded[:, self.free] = jacobian
         whole = self.law.score_covariance(padded)
@@ -185,6 +187,7 @@ class FixedVariables(Problem):
         return replace(linearization, jacobian=linearization.jacobian[:, self.unknowns.free])
 
     def linearize_operator(self, others: FloatArray) -> OperatorLinearization:
+        """Residual and products with the Jacobian by the free variables alone, at `others` (n_free,)."""
         whole, free = self.problem.linearize_operator(self.whole(others)), self.unknowns.free
 
         def forward(v: FloatArray) -> FloatArray:

@@ -326,6 +326,7 @@ def _resolve_tie(
 
 
 def _transform(group: ParameterGroup) -> Transform:
+    """Transform of the parameters of `group`: "interval" between two bounds, "log" if they must be positive, else "linear"."""
     if group.is_bounded:
         return "interval"
     return "log" if group.limits[0] >= 0 else "linear"

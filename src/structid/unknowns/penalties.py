@@ -135,6 +135,7 @@ def _dense_where_small(matrix: sparse.csr_array) -> FloatArray | sparse.csr_arra
 
 
 def _require_strength(term: Regularization) -> None:
+    """Raise `InputError` unless the strength of `term` is a finite number or rule that its declaration allows."""
     problem = constraint_violation(declared_types(type(term))["strength"], term.strength)
     if problem or term.strength == np.inf:
         raise InputError(f"`strength` of {term_name(term)} {problem or 'must be finite, got inf'}")

@@ -76,6 +76,6 @@ class RotaryInertia(ElementSet):
     direction: Literal["RX", "RY", "RZ"] = declared("Axis of rotation")
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Unit rotary inertia at each node, by property name; the arguments have no influence."""
         codes = node_codes(self.nodes, (self.direction,))
         return {"rotary_inertia": (ElementMatrixTerm(codes, np.ones((len(self.nodes), 1, 1))),)}

@@ -72,12 +72,17 @@ class CellShape:
 
 
 def _monomials(points: FloatArray, exponents: IntArray) -> FloatArray:
+    """Values (n_points, n_monomials) of monomials with `exponents` (n_monomials, n_axes) at `points` (n_points, n_axes).
+
+    A coordinate of 0 with a negative exponent counts as 1: the factor 0 of such a slope is taken elsewhere.
+    """
     base = np.where((points[:, None, :] == 0) & (exponents[None] < 0), 1.0, points[:, None, :])
     powers: FloatArray = np.prod(base ** exponents[None], axis=2)
     return powers
 
 
 def _monomial_slopes(points: FloatArray, exponents: IntArray, axis: int) -> FloatArray:
+    """Derivatives (n_points, n_monomials) by coordinate `axis` of monomials with `exponents` (n_monomials, n_axes) at `points`."""
     lowered = exponents.copy()
     lowered[:, axis] -= lowered[:, axis] != 0
     return exponents[:, axis] * _monomials(points, lowered)

@@ -225,17 +225,27 @@ def _stretching(
 
 
 def _bending(name: str, nodes: IntArray, points: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
+    """Bending stiffness of shells in global axes, (n_cells, n_local, n_local), for unit modulus and unit thickness cubed.
+
+    `elasticity` (3, 3) gives plane stress from strain for unit modulus. `points` are the corners in m; `name` and `nodes` are
+    those of the element set, for errors.
+    """
     flat = facets(name, nodes, points)
     return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, elasticity), (2, 3, 4)))
 
 
 def _mass(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArray:
+    """Mass matrices of shells of unit mass per area, in global axes, (n_cells, n_local, n_local).
+
+    `points` are the corners in m, `name` and `nodes` those of the element set, for errors. Turning of the thickness is left out.
+    """
     flat = facets(name, nodes, points)
     across = _on_all_coordinates(plate_mass(name, nodes, flat.corners, cell), (2, 3, 4))
     return flat.in_space(across + _on_all_coordinates(unit_mass(name, nodes, flat.corners, cell), (0, 1)))
 
 
 def _rotary_inertia(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArray:
+    """Mass matrices of the turning of shells, for unit density times thickness cubed, (n_cells, 3 n_corners, 3 n_corners)."""
     linear = unit_mass(name, nodes, facets(name, nodes, points).corners, cell)[:, ::2, ::2]
     return np.einsum("eij,kl->eikjl", linear / 12, np.eye(3)).reshape(len(nodes), 3 * nodes.shape[1], -1)
 

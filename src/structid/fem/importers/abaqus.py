@@ -106,6 +106,7 @@ def _bad_line_error(path: Path, text: bytes, width: int) -> FileError:
 
 
 def _is_good(line: bytes, width: int) -> bool:
+    """True if `line` holds no words, or `width` numbers."""
     try:
         return len([float(word) for word in line.split()]) in (0, width)
     except ValueError:

@@ -145,12 +145,14 @@ def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
 
 
 def _whole(lines: BulkLines, text: str) -> int:
+    """Label of the grid point `text`; `FileError` if it is no whole number."""
     if not text.isdigit():
         raise FileError(f"{lines.path}: must have a grid point's number in its set, got {text!r}; correct the card")
     return int(text)
 
 
 def _components(lines: BulkLines, text: str) -> str:
+    """The digits `text` of components; `FileError` if one is not from 0 to 6."""
     if text.strip("0123456"):
         raise FileError(f"{lines.path}: components must be digits from 0 to 6, got {text!r}; correct the card")
     return text

@@ -85,6 +85,7 @@ def _make_strings(path: Path, item: ImportedMatrix, options: Op4Options) -> _Str
 
 
 def _form(matrix: sparse.csc_array) -> int:
+    """Number of OUTPUT4 for the form of `matrix`: 2 rectangular, 6 symmetric, 1 square."""
     if matrix.shape[0] != matrix.shape[1]:
         return 2
     return 6 if abs(matrix - matrix.T).nnz == 0 else 1
@@ -605,7 +606,7 @@ def _cut_long_strings(begins: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
-    """Row, column and value, (n,) each, of every entry between the first and the last stored one of each column, zeros included."""
+    """Row, column and value (n,) of all entries of `matrix` from the first to the last stored one of each column, zeros too."""
     used = np.flatnonzero(np.diff(matrix.indptr))
     top = matrix.indices[matrix.indptr[used]].astype(np.int64)
     count = matrix.indices[matrix.indptr[used + 1] - 1] - top + 1

@@ -456,6 +456,7 @@ def _is_offset(block: KeywordBlock) -> bool:
 
 
 def _is_zero(word: str) -> bool:
+    """True if `word` is an offset of 0; False for other offsets and for words that are none."""
     try:
         return _offset_in_thicknesses(word) == 0
     except ValueError:

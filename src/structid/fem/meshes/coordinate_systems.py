@@ -52,9 +52,9 @@ class CoordinateSystem:
 
 
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
-    """Axes x, y, z as rows (3, 3) by three points (3,): the origin, one on z and one in the half plane of z and +x.
+    """Axes x, y, z as rows (3, 3) of a system with its origin in `origin`, a point `on_z` and one in the half plane of z and +x.
 
-    None if the points lie on a line.
+    Points are (3,); the third is `in_xz`. None if they lie on a line.
     """
     z = on_z - origin
     y = np.cross(z, in_xz - origin)

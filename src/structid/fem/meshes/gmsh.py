@@ -126,6 +126,7 @@ def _is_swapped(data: bytes, offset: int) -> bool:
 
 
 def _names(content: _Content, numbers: _Numbers) -> None:
+    """Read the names of physical groups, by dimension and tag, into `content`; without a dimension they hold in all four."""
     for dimension, tag, name in numbers.groups():
         for stated in range(4) if dimension is None else (dimension,):
             content.names[stated, tag] = name
@@ -166,6 +167,7 @@ def _read_elements(content: _Content, numbers: _Numbers) -> None:
 
 
 def _old_nodes(content: _Content, numbers: _Numbers) -> None:
+    """Read the nodes of format 1 or 2 into `content`: labels and positions."""
     labels, positions = numbers.old_nodes(int(numbers.counts(1)[0]))
     content.labels.append(labels)
     content.positions.append(positions)
@@ -194,6 +196,7 @@ def _read_elements_2(content: _Content, numbers: _Numbers) -> None:
 
 
 def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
+    """Entry of `_TYPES` of element type `kind`; `ValueError` if the type is not known."""
     if kind not in _TYPES:
         raise ValueError(f"element type {kind} is not known")
     return _TYPES[kind]

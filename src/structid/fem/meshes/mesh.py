@@ -388,6 +388,7 @@ def _merge_nodes(mesh: Mesh, pairs: IntArray) -> Mesh:
 
 
 def _without_nodes(mesh: Mesh, labels: IntArray) -> Mesh:
+    """The mesh without the nodes `labels` (n,), which its groups lose too; cells are not changed."""
     keep = ~np.isin(mesh.labels, labels)
     groups = {name: np.setdiff1d(nodes, labels) for name, nodes in mesh.node_groups.items()}
     return replace(mesh, labels=mesh.labels[keep], positions=mesh.positions[keep], node_groups=groups)

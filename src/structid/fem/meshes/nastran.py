@@ -222,6 +222,7 @@ def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> I
 
 
 def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
+    """Parts with an obstacle for element cards (names with C) that are not known, by name; `counts` are those of all cards."""
     known = {"GRID", *SYSTEM_CARDS, *_CELLS, *_REFUSED, *PART_CARDS}
     names = [name for name in counts if name.startswith("C") and name not in known and not _NO_ELEMENTS.match(name)]
     return [DeckPart(name, counts[name], obstacle="not known") for name in sorted(names)]

@@ -499,6 +499,7 @@ def _read_pvisc(deck: _DeckContext) -> Values:
 
 
 def _axial(word: str) -> FloatArray:
+    """Six element stiffnesses or dampings with the number `word` along the axis and 0 elsewhere, (6,)."""
     values = np.zeros(6)
     values[0] = _real(word)
     return values

@@ -99,6 +99,7 @@ def _read_grid(path: Path, kind: str) -> _Grid:
 
 
 def _require_meshio(path: Path, kind: str) -> None:
+    """Raise `FileError`, with the remedy, if meshio is not installed; `kind` names the format of the file at `path`."""
     try:
         importlib.import_module("meshio")
     except ImportError as error:

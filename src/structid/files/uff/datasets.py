@@ -119,6 +119,7 @@ def dataset_lines(path: Path, wanted: int) -> list[tuple[int, list[str]]]:
 
 
 def _skip_blank(data: bytes, offset: int) -> int:
+    """First byte of `data` from `offset` on that is not blank, as its index; the length of `data` if there is none."""
     while offset < len(data) and data[offset] in _BLANK:
         offset += 1
     return offset
@@ -193,6 +194,7 @@ def _binary_values_range(path: Path, data: bytes, offset: int, head: str, ordina
 
 
 def _is_closed(data: bytes, end: int) -> bool:
+    """True if the closing tag of a dataset stands behind byte `end` of `data`, but for ends of lines."""
     while end < len(data) and data[end] in b"\r\n":
         end += 1
     return end < len(data) and _TAG.match(data, end) is not None

@@ -311,6 +311,7 @@ def _defined_twice(path: Path, label: int) -> FileError:
 
 
 def _kind(where: str, label: int, kind: int) -> int:
+    """The number `kind` of the type of coordinate system `label`; `FileError`, which begins with `where`, if it is unknown."""
     if kind not in (_CARTESIAN, _CYLINDRICAL, _SPHERICAL):
         raise FileError(
             f"{where}: coordinate system {label} is of type {kind}; it must be 0 (Cartesian), 1 (cylindrical) or 2 (spherical)"

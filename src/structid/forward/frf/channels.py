@@ -66,7 +66,7 @@ def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:
-    """`Channels` from the columns (n_dofs, n) of loads, sensors and contacts, with columns that agree up to sign merged."""
+    """`Channels` of `loads`, `sensors` and contacts `slides`, (n_dofs, n) each; columns that agree up to sign are merged."""
     columns, places = _distinct(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     index, sign = np.array([p for p, _ in places], dtype=np.int64), np.array([s for _, s in places])
     n = loads.shape[1]

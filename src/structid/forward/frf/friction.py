@@ -82,7 +82,10 @@ class Sliding:
         return self._cache.get_or_make(physical.tobytes(), lambda: self._balanced(physical))
 
     def _balanced(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
-        """Coefficients and readings of `at`, computed."""
+        """Coefficients (n_lines, n_matrices) with balanced sliding amplitudes, and readings, at parameters `physical` (n_params,).
+
+        Readings of sensors and contacts are (n_lines, n_outputs + n_contacts, 1); None where they would lose digits.
+        """
         free, reach = self._frictionless_readings(physical)
         n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
         force, floor = self.force(physical), self._stuck_amplitude
@@ -112,7 +115,7 @@ class Sliding:
 
     @cached_property
     def _cache(self) -> LastResults[bytes, tuple[ComplexArray, ComplexArray | None]]:
-        """The two answers of `at` that were last asked for, by the parameters."""
+        """Balanced coefficients and readings at the two sets of parameters that were asked for last."""
         return LastResults(2)
 
     @cached_property
@@ -169,7 +172,8 @@ def _newton_step(
 ) -> FloatArray:
     """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
 
-    The other arguments are those of `balanced_amplitudes`; no amplitude gets below `floor`.
+    `flexibility` (n_frequencies, n_contacts, n_contacts) is the slip under unit contact forces, `free` (n_frequencies,
+    n_contacts) that without friction, `force` (n_contacts,) the equivalent force at full slip, `floor` the least amplitude.
     """
     n_contacts = len(force)
     pull = 1j * force / size

@@ -144,7 +144,7 @@ class FrfProblem(RecordProblem):
 
     @property
     def smoothed(self) -> tuple[tuple[float, FrfRecord], ...]:
-        """See `smoothed_records`; () where the model is not known beside the axis."""
+        """Pairs of a level a and the FRFs at s = omega (a + i); () where the model is not known beside the axis."""
         return smoothed_records(self.record) if self.structure.has_modes else ()
 
     def with_lines(self, keep: IntArray) -> FrfProblem:
@@ -289,6 +289,7 @@ class FrfProblem(RecordProblem):
         return self._observed_on(record).values(physical)
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        """Whitened residual of the lines, real parts before imaginary parts, then prior rows, at `theta` (n_params,)."""
         if self.form == "equation":
             return self.linearize(theta).residual
         return residual_with_priors(self.unknowns, theta, self.data_rows(self.predicted(theta)))

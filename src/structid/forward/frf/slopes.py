@@ -57,7 +57,7 @@ class StiffnessSlopes:
 
     @cached_property
     def matrix_kinds(self) -> tuple[str, ...]:
-        """See `Assembly`."""
+        """Kinds of the matrices of the structure, such as "mass", in the order of the matrix coefficients."""
         return structure_matrix_kinds(self.structure)
 
     @cached_property

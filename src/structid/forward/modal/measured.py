@@ -299,7 +299,7 @@ def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
 
 
 def _require_independent(modes: MeasuredModes, group: GroupData) -> None:
-    """Raise `InputError` if close modes have linearly dependent shapes at the sensors."""
+    """Raise `InputError`, which names the modes, if those of `group` have linearly dependent shapes at the sensors."""
     size = np.linalg.norm(group.shapes, axis=0)
     if len(group.members) < 2 or not group.shapes.size:
         return

@@ -205,7 +205,7 @@ class ModalProblem(RecordProblem):
     def linearize(self, theta: FloatArray) -> Linearization:
         """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
 
-        def found(theta: FloatArray) -> Linearization:
+        def linearized(theta: FloatArray) -> Linearization:
             """Linearization at `theta` (n_params,), computed afresh."""
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
@@ -214,9 +214,10 @@ class ModalProblem(RecordProblem):
                 data, change, eliminated = output_rows(self.data, self.model, physical, self.in_order)
             return linearization_with_priors(self.unknowns, theta, data, change * self.slope(theta), eliminated)
 
-        return self._last.at(theta, found)
+        return self._last.at(theta, linearized)
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
+        """Covariance of the data rows at `theta` (n_params,); independent rows where the record knows no more."""
         if self.settings.form == "dynamic":
             return RowNoise()
         return RowNoise(factor=output_changes(self.data, self.model, self.physical(theta), self.in_order))

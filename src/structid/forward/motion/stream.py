@@ -231,6 +231,7 @@ def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMake
 
 
 def _is_identity(matrix: sparse.csr_array) -> bool:
+    """True if `matrix` is the identity, entry by entry."""
     n = matrix.shape[0]
     one_each = matrix.shape == (n, n) and matrix.nnz == n and bool((np.diff(matrix.indptr) == 1).all())
     return one_each and bool((matrix.indices == np.arange(n)).all() and (matrix.data == 1.0).all())

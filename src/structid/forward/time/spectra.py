@@ -260,6 +260,7 @@ class SpectraModel:
 
     @cached_property
     def mass_line(self) -> MassLine:
+        """Response at one frequency far above all modes, where masses alone act."""
         far = np.array([_FAR / self.spectra.straight])
         sides = self.columns[:, : len(self.spectra.inputs) + len(self.spectra.outputs)]
         return MassLine(_response(self, far), sides, self.spectra)
@@ -569,6 +570,7 @@ class SpectraProblem(RecordProblem):
         return self.spectra.frequency
 
     def with_lines(self, keep: IntArray) -> SpectraProblem:
+        """A copy with the lines at the indices `keep` alone."""
         chosen = np.zeros(len(self.frequency), dtype=bool)
         chosen[keep] = True
         return replace(self, spectra=self.spectra.lines(chosen))

@@ -157,6 +157,7 @@ def _std(i: int, reference: int, singular: FloatArray, rows: FloatArray) -> floa
 
 
 def _listed(names: list[str]) -> str:
+    """Names in a row with "and"; beyond six, the first five and the number of the others."""
     if len(names) > 6:
         return f"{', '.join(names[:5])} and {len(names) - 5} more"
     return ", ".join(names[:-1]) + " and " + names[-1]

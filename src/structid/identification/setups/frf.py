@@ -130,6 +130,7 @@ class Setup(RecordSetup[FrfProblem]):
         )
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (Hz) of the lines that are fitted, and of those on which the fit is judged."""
         used = used_lines(self.record, options)
         judged = self.record.band(*options.evaluation_band) if options.evaluation_band else used
         return used.frequency, judged.frequency
@@ -184,9 +185,7 @@ def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
 
 
 def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
-    """Mask (n_frequencies,) of the frequencies (Hz) inside the band and outside the excluded stretches.
-
-    `options` state the band and the exclusions.
+    """Mask (n_frequencies,) of the values of `frequency` (Hz) inside the band of `options` and outside its excluded stretches.
 
     Raises
     ------

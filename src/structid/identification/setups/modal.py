@@ -133,6 +133,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
         return (("output", self.record.channels),)
 
     def words(self, options: IdentifyOptions) -> str:
+        """Sentence part on the modes of the record: number, frequencies, sensors, source."""
         record = self.record
         span = f"{record.frequency[0]:.5g} to {record.frequency[-1]:.5g} Hz"
         return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors{record.unknown_words}, {record.source}"

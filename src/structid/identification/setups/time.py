@@ -223,6 +223,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
+        """Motions as "output" and loads as "input", each with its degrees of freedom; a place counts once among the motions."""
         pairs = list(zip(self.record.channels, self.record.quantities, strict=True))
         motions = tuple(dict.fromkeys(dof for dof, quantity in pairs if quantity not in LOADS))
         return ("output", motions), ("input", tuple(dof for dof, quantity in pairs if quantity in LOADS))

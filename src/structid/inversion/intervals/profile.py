@@ -259,6 +259,7 @@ def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
 
 
 def _with(theta: FloatArray, index: int, value: float) -> FloatArray:
+    """A copy of `theta` (n_params,) with `value` at `index`."""
     changed = np.array(theta)
     changed[index] = value
     return changed

@@ -162,6 +162,7 @@ def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockF
 
 
 def _column_norms(state: StreamingQr) -> FloatArray:
+    """Euclidean norm of the regressor of each parameter over all rows so far, (n_params,)."""
     used = state.columns >= 0
     squares = (state.triangles[:, :, :-1] ** 2).sum(axis=1)
     return np.sqrt(np.bincount(state.columns[used], squares[used], state.n_params))

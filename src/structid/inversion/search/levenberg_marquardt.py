@@ -126,17 +126,18 @@ class _Damped:
 
 
 def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
+    """QR factors of the Jacobian's `triangle` above the damping rows sqrt(damping) diag(scale); zeros in `scale` count as 1."""
     safe = np.where(scale > 0, scale, 1.0)
     orthogonal, factor = np.linalg.qr(np.vstack([triangle, np.diag(np.sqrt(damping) * safe)]))
     return _Damped(orthogonal, factor, safe)
 
 
 def _velocity(point: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
-    """Damped step (n_params,) with runaway parameters and those at the end of their reach held.
+    """Damped step (n_params,) from `point`, with runaway parameters and those at the end of their reach kept at their limits.
 
-    A parameter is held at its limit if its step exceeds this but moving it that far hardly changes the residual, such as a loss
-    factor on its way to 0; otherwise the whole step would be shortened for it. A parameter that would leave the reach of the
-    search is held at the end.
+    `damped` has the factors of the damped Jacobian, `damping` the largest step of each parameter. A parameter runs away if its
+    step exceeds that but moving it so far hardly changes the residual, such as a loss factor on its way to 0; the whole step
+    would be shortened for it otherwise. A parameter that would leave the reach of the search is kept at the end.
     """
     limit, velocity = damping.limit, damped.step(point.projected)
     effect = point.scale * limit

@@ -146,6 +146,7 @@ class FixedValues:
     def _fit(
         self, theta: FloatArray, linearization: Linearization | OperatorLinearization, names: tuple[str, ...]
     ) -> FitWithinTolerances:
+        """The fit that ends at `theta`: changes of the fixed values in standard deviations, and the parameters `names`."""
         asked = theta[self._index(self.names)] / self.std
         parameters = theta[self._index(names)]
         return FitWithinTolerances(self.problem, theta, linearization, asked, parameters)

@@ -101,6 +101,7 @@ def read_record(path: str | os.PathLike[str], options: ReadOptions | None = None
     require_readable(path)
 
     def read() -> FrfRecord | TimeRecord:
+        """The record by the module of its format; damage is raised as `FileError`."""
         with damage_told(path, "a record that can be read"):
             record: FrfRecord | TimeRecord = module.read(path, options)
         return record

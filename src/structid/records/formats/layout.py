@@ -165,6 +165,7 @@ def _in_shape(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _field(path: Path, fields: Mapping[str, Field], name: str) -> Field:
+    """Field `name` of structid's layout; `FileError` if the file at `path` lacks it."""
     if name not in fields:
         raise FileError(f"{path}: has no field {name!r}; the file is incomplete, write it again with structid")
     return fields[name]

@@ -40,6 +40,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 
 
 def _as_field(array: np.ndarray) -> Field:
+    """A text array as a text or a tuple of texts; other arrays as they are."""
     if array.dtype.kind != "U":
         return array
     return str(array) if array.ndim == 0 else tuple(str(text) for text in array.ravel())

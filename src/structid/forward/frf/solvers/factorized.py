@@ -97,6 +97,7 @@ class DenseSolver:
         key = physical.tobytes(), laplace.tobytes(), id(loads)
 
         def solve() -> tuple[DenseFields, sparse.csc_array]:
+            """Dense solver of all lines at the parameters, and the load columns (n_dofs, n_loads)."""
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
             matrices = structure.dense_matrices(self.slopes.matrix_kinds, values)
             return DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
@@ -346,6 +347,10 @@ def sweep_error(
     maps, factors = forces
 
     def error(line: int, exact: NumberArray, approximate: NumberArray) -> float:
+        """Error of `approximate` fields (n_dofs, n_loads) against `exact` ones at `line`, over the allowed one.
+
+        The larger of that of readings and that of derivatives.
+        """
         readings = (
             reading_error(*(np.asarray(sensors.T @ fields[:, loads]) for fields in (exact, approximate))) / tolerance
         )
@@ -407,7 +412,10 @@ class LastSweep:
             return None if sweep.verified(error_of) is None else sweep
 
     def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
-        """Readings of `sweep` at all lines under all load columns, (n_lines, n_sensors, n_columns); cached by `key`."""
+        """Readings of `sensors` (n_dofs, n_sensors) in `sweep` under all load columns, (n_lines, n_sensors, n_columns).
+
+        They are cached by `key`, the bytes of the parameters and coefficients.
+        """
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]
         self.readings[key] = sweep.basis.read(sensors)
@@ -416,9 +424,10 @@ class LastSweep:
     def derived(
         self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
     ) -> LineDerivatives:
-        """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters; cached by `key`.
+        """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters.
 
-        `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x at each line.
+        They are cached by `key`, the bytes of the parameters and coefficients. `sides` are loads and sensors; `forces` and
+        `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at each line.
         """
         x = sweep.basis.all_coordinates()
         used, column_of = np.unique(sides.inputs[0], return_inverse=True)

@@ -71,7 +71,10 @@ class TabulatedFrf:
         return values[:, :, first] * senses[first]
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """See `LineDerivatives`; all lines at once, no contacts."""
+        """Yield `LineDerivatives` of all lines at once at the parameters `physical` (n_params,), without contacts.
+
+        `coefficients` are not used.
+        """
         values, change = self._signed_receptances(physical)
         yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
 
@@ -101,6 +104,7 @@ class TabulatedFrf:
 
     @cached_property
     def _places(self) -> tuple[IntArray, tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
+        """Line indices of the table, then indices and signs of its outputs, and of its inputs, that the record has."""
         element = self.element
         lines = element.table.lines(self.record.frequency)
         return (

@@ -243,6 +243,7 @@ def _named_with_statistics(header: Sequence[list[str]]) -> list[list[str]]:
 
 
 def _split(line: str, separator: str) -> list[str]:
+    """Cells of `line` at the `separator`; at runs of white space if it is a blank. No cells for an empty line."""
     if separator == " ":
         return line.split()
     return line.split(separator) if line else []

@@ -411,6 +411,7 @@ def _one_step(path: Path, functions: list[Dataset58], to_seconds: float) -> floa
 
 
 def _real_values(path: Path, function: Dataset58) -> FloatArray:
+    """Values of a correlation function, (n_lags,); `FileError` if an imaginary part is not 0."""
     if np.iscomplexobj(function.values) and np.any(function.values.imag):
         raise FileError(
             f"{path}: function {function.ordinal}, a correlation function, has complex values; export real ones"

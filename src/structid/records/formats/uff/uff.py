@@ -105,6 +105,7 @@ def _choose_functions(path: Path, functions: list[Dataset58], options: ReadOptio
 
 
 def _nodes(path: Path, blocks: list[UffDataset]) -> UniversalNodes:
+    """Nodes of the file with their axes; errors add that directions may be taken as they are named."""
     try:
         return read_nodes(path, blocks)
     except FileError as error:

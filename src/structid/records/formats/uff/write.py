@@ -127,6 +127,7 @@ def _function_bytes(
 
 
 def _side(quantity: str, dof: Dof) -> str:
+    """Line of dataset 58 for ordinate or denominator: data type and unit of `quantity` at `dof`."""
     unit = QUANTITY_UNITS[quantity][dof.is_rotation]
     return f"{DATA_TYPES[quantity]:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {unit:<20s}"
 
@@ -146,6 +147,7 @@ def _frf_blocks(path: Path, record: FrfRecord) -> Iterator[bytes]:
 
 
 def _time_blocks(path: Path, record: TimeRecord) -> Iterator[bytes]:
+    """Datasets 58b of the time histories of `record`, one a channel."""
     title, axis = _title(record), _make_axis(path, record.time, 1 / record.sampling_rate, 17, "s")
     for i, (dof, quantity) in enumerate(zip(record.channels, record.quantities, strict=True)):
         yield _function_bytes(1, dof, None, record.values[:, i], axis, [*title, _side(quantity, dof), _NOTHING])
