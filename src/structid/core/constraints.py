@@ -126,7 +126,10 @@ def constraint_violation(annotation: object, value: object) -> str:
     if isinstance(value, str) and not choices and others and all(kind is Real for kind in others):
         return f"must be a number, got {value!r}"
     if choices and value not in choices and not isinstance(value, tuple(others)):
-        named = [*map(str, choices), *("a number" if one is Real else one.__name__ for one in others)]
+        named = [
+            *map(str, choices),
+            *("a number" if choice_type is Real else choice_type.__name__ for choice_type in others),
+        ]
         return f"must be one of {', '.join(named)}, got {value!r}"
     return ""
 

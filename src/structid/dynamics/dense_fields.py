@@ -82,15 +82,15 @@ class DenseFields:
             if modal is None:
                 yield part, self._solve_lines(lines, coefficients, loads, reader)
                 continue
-            found = whole = modal.at(part)
+            fields = whole = modal.at(part)
             if len(frictions):
                 free = np.ascontiguousarray(whole[:, :n_read, :n_chosen])
                 slip = self._friction_forces(whole[:, n_read:], coefficients[part], frictions)
-                found = free - whole[:, :n_read, n_chosen:] @ slip
-                is_lost = _squares(free) > MOST_SMALLER**2 * _squares(found)
+                fields = free - whole[:, :n_read, n_chosen:] @ slip
+                is_lost = _squares(free) > MOST_SMALLER**2 * _squares(fields)
                 if is_lost.any():
-                    found[is_lost] = self._solve_lines(lines[is_lost], coefficients, loads, reader)
-            yield part, found
+                    fields[is_lost] = self._solve_lines(lines[is_lost], coefficients, loads, reader)
+            yield part, fields
 
     @cached_property
     def modal(self) -> _ModalFields | None:

@@ -192,17 +192,19 @@ def reductions(
                 )
             owners[name] = component
     codes = {
-        name: joined_codes([matrix_term.codes for term in own for matrix_term in term.matrix_terms])
-        for name, own in properties_of_set.items()
+        name: joined_codes([matrix_term.codes for term in own_codes for matrix_term in term.matrix_terms])
+        for name, own_codes in properties_of_set.items()
     }
     tied = joined_codes([kept, _codes_in_ties(equations, joined_codes([*codes.values(), kept]))])
     reduced = []
     for one in components:
-        own = joined_codes([codes[name] for name in one.elements])
+        own_codes = joined_codes([codes[name] for name in one.elements])
         others = [codes[name] for name in properties_of_set if name not in one.elements]
-        joined = joined_codes([tied, _interface_codes(one, own, equations), *others])
+        joined = joined_codes([tied, _interface_codes(one, own_codes, equations), *others])
         reduced.append(
-            _reduce_component(one, {name: properties_of_set[name] for name in one.elements}, own, joined, constrained)
+            _reduce_component(
+                one, {name: properties_of_set[name] for name in one.elements}, own_codes, joined, constrained
+            )
         )
     return tuple(reduced)
 

@@ -76,7 +76,7 @@ def numbering(
         )
     _require_no_circle(equations)
     known = np.array(codes, dtype=np.int64)
-    dependent = np.isin(known, [*equations, *(code for one in following for code in one.dependents.tolist())])
+    dependent = np.isin(known, [*equations, *(code for reduced in following for code in reduced.dependents.tolist())])
     free = np.flatnonzero(~dependent & ~np.isin(known, list(constrained)))
     follow = _dependence_matrix(known, equations, following)
     part = sparse.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), (len(known), len(free)))

@@ -176,10 +176,10 @@ class Structure(Shown, StructurePlots):
             f" {plural(len(self.elements), 'element set')}, {plural(len(self.ties), 'tie')};"
             f" fixed: {join_words([dof.place for dof in self.fixed]) or 'none'}"
         )
-        words += "".join(f"; {one.words} at {join_words(one.interface)}" for one in self.measured)
+        words += "".join(f"; {item.words} at {join_words(item.interface)}" for item in self.measured)
         words += "" if self.damping_ratio is None else f"; damping ratio {self.damping_ratio:g} of all modes"
-        names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
-        rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]
+        names = {item.name: [p.term.property for p in self.properties if p.element == item.name] for item in self.sets}
+        rows = [(item.name, type(item).__name__, ", ".join(names[item.name])) for item in self.sets]
         return Overview(words, ("element set", "type", "properties"), rows)
 
     @property
@@ -278,7 +278,7 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def divisible(self) -> tuple[ElementSet, ...]:
         """Element sets that `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
-        return tuple(one for one in self.elements if is_divisible(one, self.nodes, self.active or ()))
+        return tuple(element for element in self.elements if is_divisible(element, self.nodes, self.active or ()))
 
     @cached_property
     def values(self) -> FloatArray:
@@ -291,7 +291,7 @@ class Structure(Shown, StructurePlots):
         """All degrees of freedom that elements and ties use, and how they follow the free ones; see `Numbering`."""
         used = [matrix_term.codes for item in self.properties for matrix_term in item.term.matrix_terms]
         codes = joined_codes([*used, tied_codes(self._equations)])
-        following = [one.following for one in self.reductions if one.following is not None]
+        following = [reduction.following for reduction in self.reductions if reduction.following is not None]
         return numbering(codes.tolist(), self._constrained(codes), self._equations, following)
 
     def _constrained(self, codes: IntArray) -> frozenset[int]:
@@ -316,7 +316,7 @@ class Structure(Shown, StructurePlots):
         codes = [
             matrix_term.codes for several in terms.values() for term in several for matrix_term in term.matrix_terms
         ]
-        kept = [dof_code(dof.node, dof.direction) for one in self.measured for dof in one.interface]
+        kept = [dof_code(dof.node, dof.direction) for component in self.measured for dof in component.interface]
         constrained = self._constrained(joined_codes(codes))
         return reductions(self.components, terms, self._equations, constrained, np.array(kept, dtype=np.int64))
 
@@ -390,7 +390,7 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def unreduced(self) -> Structure:
         """Copy with all degrees of freedom of its components, and the same properties."""
-        return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
+        return replace(self, components=tuple(replace(component, whole=True) for component in self.components))
 
     def release_supports(self, bases: tuple[Base, ...]) -> Structure:
         """The structure with the supports of `bases` released and those of each base tied to its first; made once for them.
@@ -411,7 +411,9 @@ class Structure(Shown, StructurePlots):
             supports = {dof.unsigned for base in bases for dof in base.supports}
             fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
             ties = (*self.ties, *(tie for base in bases for tie in base.ties))
-            parts = tuple(one.component.with_interface(supports & {*one.group.dofs}) for one in self.reductions)
+            parts = tuple(
+                reduction.component.with_interface(supports & {*reduction.group.dofs}) for reduction in self.reductions
+            )
             self._released[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
         return self._released[bases]
 
@@ -551,8 +553,8 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 def _require_names(structure: Structure) -> None:
     """Raise `InputError` if two parts share a name, or elements or supports name nodes that do not exist."""
-    names = [e.name for e in structure.elements] + [one.name for one in structure.components]
-    names += [one.name for one in structure.measured] + [f"node {label}" for label in structure.sliding]
+    names = [e.name for e in structure.elements] + [component.name for component in structure.components]
+    names += [component.name for component in structure.measured] + [f"node {label}" for label in structure.sliding]
     names += [] if structure.damping_ratio is None else [ALL_MODES]
     for name in names:
         if names.count(name) > 1:
@@ -583,13 +585,13 @@ def _require_supports(structure: Structure) -> None:
 
 def _require_interfaces(structure: Structure) -> None:
     """Raise `InputError` if an interface of a measured component is not part of the structure."""
-    for one in structure.measured:
+    for component in structure.measured:
         try:
-            structure.selection(one.interface)
+            structure.selection(component.interface)
         except InputError as error:
             raise InputError(
-                f"measured component {one.name!r}: {error}; join the component to degrees of freedom that move with elements of the"
-                " model, or by springs to a node of its own"
+                f"measured component {component.name!r}: {error}; join the component to degrees of freedom that move with elements"
+                " of the model, or by springs to a node of its own"
             ) from error
 
 

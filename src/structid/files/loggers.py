@@ -57,7 +57,7 @@ def _with_warnings(read: Callable[[], list[Channel]]) -> list[Channel]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         channels = read()
-    note_text = "; ".join(dict.fromkeys(" ".join(str(one.message).split()) for one in caught))
+    note_text = "; ".join(dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught))
     return [channel._replace(note=note_text) if note_text and i == 0 else channel for i, channel in enumerate(channels)]
 
 

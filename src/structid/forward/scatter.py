@@ -90,9 +90,9 @@ def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterPro
     scatters = [next(s for s in p.parameters.scatters if s.name == name) for p in problems]
     where: dict[str, tuple[NamedUnknowns, int]] = {}
     for problem, scatter in zip(problems, scatters, strict=True):
-        place = {label: i for i, label in enumerate(problem.parameters.names)}
+        index_of = {label: i for i, label in enumerate(problem.parameters.names)}
         for label in (*scatter.common, *scatter.own):
-            where.setdefault(label, (problem.parameters, place[label]))
+            where.setdefault(label, (problem.parameters, index_of[label]))
     pairs = [pair for scatter in scatters for pair in zip(scatter.common, scatter.own, strict=True)]
     names = (*dict.fromkeys(common for common, _ in pairs), *(own for _, own in pairs))
     column = {label: i for i, label in enumerate(names)}

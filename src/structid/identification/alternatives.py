@@ -43,10 +43,10 @@ class DecidingMeasurement:
     @property
     def words(self) -> str:
         """The measurement in words, with what the first sets of values predict of it."""
-        told = ", ".join(format_number(value, 3) for value in self.predicted[:_MOST_TOLD])
+        predictions = ", ".join(format_number(value, 3) for value in self.predicted[:_MOST_TOLD])
         more = len(self.predicted) - _MOST_TOLD
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name}: {told}{f' and {more} more' if more > 0 else ''}{unit}"
+        return f"{self.name}: {predictions}{f' and {more} more' if more > 0 else ''}{unit}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -246,8 +246,8 @@ class Identification(Shown, IdentificationPlots):
     @property
     def listed(self) -> tuple[int, ...]:
         """Indices of all parameters except the values of single records in what varies from record to record."""
-        own = {name for one in self.priors.varied for name in one.own}
-        return tuple(i for i, name in enumerate(self.estimate.names) if name not in own)
+        varied_names = {name for parameter in self.priors.varied for name in parameter.own}
+        return tuple(i for i, name in enumerate(self.estimate.names) if name not in varied_names)
 
     def seen_from(self, number: int) -> Identification:
         """A copy with the record of responses at position `number` (from 0) as the only one."""

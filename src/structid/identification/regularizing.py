@@ -287,8 +287,8 @@ class _Search:
     @cached_property
     def problem(self) -> Problem:
         """The joint problem of all records, without the terms and scatters whose strengths are to be chosen."""
-        chosen = {one.name for one in self.scatters}
-        known = [one for one in scatter_problems(self.problems) if one.name not in chosen]
+        chosen = {scatter.name for scatter in self.scatters}
+        known = [scatter for scatter in scatter_problems(self.problems) if scatter.name not in chosen]
         return JointProblem((*self.problems, *known)) if len(self.problems) > 1 else self.problems[0]
 
     @cached_property
@@ -302,7 +302,7 @@ class _Search:
         names = self.problem.names
         return (
             *(coupling.among(len(names), 0) for coupling in self.unit),
-            *(one.coupling.at(indices_of(names, one.names), len(names)) for one in self.scatters),
+            *(scatter.coupling.at(indices_of(names, scatter.names), len(names)) for scatter in self.scatters),
         )
 
     @cached_property
@@ -321,7 +321,7 @@ class _Search:
         """Copies of `problems` with the regularization terms and scatters at these strengths, terms first."""
         n_terms = len(self.terms)
         pairs = zip(self.scatters, strengths[n_terms:], strict=True)
-        made = with_scatters(problems, {one.name: float(s) ** -0.5 for one, s in pairs})
+        made = with_scatters(problems, {scatter.name: float(s) ** -0.5 for scatter, s in pairs})
         return coupled(made, [c.scaled(s) for c, s in zip(self.unit, strengths[:n_terms], strict=True)])
 
     def with_strengths(self, strengths: Strengths) -> Problem:

@@ -201,7 +201,10 @@ def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Prob
     """Joint problem in which modes without shapes stay paired in order, if they are so at `theta` (n_params,)."""
     names = joint_problem(problems).names
     return joint_problem(
-        [one.keeping_order(theta[indices_of(names, one.names)]) if compares_modes(one) else one for one in problems]
+        [
+            problem.keeping_order(theta[indices_of(names, problem.names)]) if compares_modes(problem) else problem
+            for problem in problems
+        ]
     )
 
 
@@ -302,7 +305,7 @@ def reweighted(
         if not best.goodness.misfit < _REWEIGHTED_BELOW:
             break
         current = tuple(p.reweighted(best.theta[indices_of(best.names, p.names)]) for p in problems)
-        if all(one is other for one, other in zip(current, problems, strict=True)):
+        if all(problem is other for problem, other in zip(current, problems, strict=True)):
             break
         again = search(current, best.theta)
         moved = np.abs(again.theta - best.theta)

@@ -188,7 +188,7 @@ def widened_estimate(estimate: Estimate, more: Sequence[FoundScatter]) -> Estima
     slope, spread = estimate.parameters.slope, estimate.spread
     if not more or slope is None:
         return estimate
-    added = np.sum([one.more for one in more], axis=0) * np.outer(slope, slope)
+    added = np.sum([scatter.more for scatter in more], axis=0) * np.outer(slope, slope)
     widened = replace(
         spread,
         noise=DenseCovariance(spread.noise.matrix + added),

@@ -76,7 +76,7 @@ def estimate_warnings(estimate: Estimate) -> tuple[str, ...]:
     warnings = []
     if estimate.status is not Status.CONVERGED:
         warnings.append(f"{estimate.status_words} ({estimate.message})")
-    warnings.extend(one.words for one in sorted(estimate.spread.at_bound, key=lambda one: -one.push))
+    warnings.extend(bound.words for bound in sorted(estimate.spread.at_bound, key=lambda bound: -bound.push))
     warnings.extend(f"the data determine {direction.words}" for direction in estimate.identifiability.directions)
     warnings.extend(_scale_warnings(estimate))
     warnings.extend(unidentified_warnings(estimate))

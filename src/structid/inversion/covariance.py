@@ -201,10 +201,10 @@ def repeated_quantities(problem: Problem) -> IntArray | None:
     numbers = problem.rows.quantities
     if numbers is None:
         return None
-    found, block = np.unique(numbers, return_inverse=True)
-    block = block - int(np.count_nonzero(found < 0))
+    distinct, block = np.unique(numbers, return_inverse=True)
+    block = block - int(np.count_nonzero(distinct < 0))
     pairs = np.unique(np.stack([block, problem.rows.lines])[:, block >= 0], axis=1)
-    if len(found[found >= 0]) < _FEWEST_CHANNELS or (np.bincount(pairs[0]) < 2).any():
+    if len(distinct[distinct >= 0]) < _FEWEST_CHANNELS or (np.bincount(pairs[0]) < 2).any():
         return None
     return np.maximum(block, -1)
 
@@ -249,7 +249,7 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
     """
     both = np.isfinite(np.diag(first)) & np.isfinite(np.diag(second))
     inner = np.ix_(both, both)
-    found = first.copy()
+    largest = first.copy()
     scale = np.sqrt(np.diag(first)[both])
     values, vectors = np.linalg.eigh(first[inner] / np.outer(scale, scale))
     values = np.maximum(values, _ROUNDED * values.max(initial=0.0))
@@ -257,8 +257,8 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
     back = (vectors / np.sqrt(values)).T / scale
     ratios, turned = np.linalg.eigh(back @ second[inner] @ back.T)
     more = root @ turned * np.sqrt(np.maximum(ratios - 1, 0.0))
-    found[inner] += more @ more.T
-    return found
+    largest[inner] += more @ more.T
+    return largest
 
 
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
@@ -272,8 +272,8 @@ def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tup
     length = 4 * correlation_length(residual, lines, series)
     n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
     _, stretches = np.unique(lines * n_blocks // n_lines, return_inverse=True)
-    found, channels = np.unique(series // 2, return_inverse=True)
-    return (stretches, channels) if len(found) >= _FEWEST_CHANNELS else (stretches,)
+    distinct, channels = np.unique(series // 2, return_inverse=True)
+    return (stretches, channels) if len(distinct) >= _FEWEST_CHANNELS else (stretches,)
 
 
 def effective_blocks(problem: Problem, linearization: Linearization) -> FloatArray:

@@ -361,7 +361,7 @@ class Estimate(Shown):
                 " apart, or give a prior"
             )
         if self.status is Status.CONVERGED and spread.at_bound:
-            at_bound = ", ".join(one.name for one in spread.at_bound)
+            at_bound = ", ".join(bound.name for bound in spread.at_bound)
             return f"the search converged with {at_bound} at a bound, and the data determine every other parameter"
         if self.status is Status.CONVERGED and few and not self.identified.all():
             lost = join_words([name for name, known in zip(self.names, self.identified, strict=True) if not known])
@@ -633,7 +633,7 @@ def estimate(
             is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
         else:
             is_fitting, end = not within.misfits(misfit_probability), within.parameters
-        if is_fitting and any(ends_at_other(searched, minimum, end, *one) for one in accepted):
+        if is_fitting and any(ends_at_other(searched, minimum, end, *answer) for answer in accepted):
             return (
                 False  # free within their tolerances, fixed values only let the search go on to an answer that is known
             )

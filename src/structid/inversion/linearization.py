@@ -193,11 +193,11 @@ class LastEvaluation(Generic[T]):
 
     def at(self, theta: FloatArray, evaluate: Callable[[FloatArray], T]) -> T:
         """Evaluation at the free variables `theta` (n_params,): the cached one, else by `evaluate`, which is then cached."""
-        found = self.known(theta)
-        if found is None:
-            found = evaluate(theta)
-            self.keep(theta, found)
-        return found
+        evaluation = self.known(theta)
+        if evaluation is None:
+            evaluation = evaluate(theta)
+            self.keep(theta, evaluation)
+        return evaluation
 
     def known(self, theta: FloatArray) -> T | None:
         """The evaluation that is kept of `theta`, if any."""
@@ -208,5 +208,5 @@ class LastEvaluation(Generic[T]):
 
     def taken(self, theta: FloatArray) -> T | None:
         """The evaluation that is kept of `theta`, if any; nothing is kept afterwards."""
-        found, self._kept = self.known(theta), None
-        return found
+        evaluation, self._kept = self.known(theta), None
+        return evaluation

@@ -412,9 +412,11 @@ def _require_units(names: Sequence[str], first: Sequence[str], second: Sequence[
 
     `first` and `second` are the units in the baseline and the later state, in the order of `names`.
     """
-    for name, one, other in zip(names, first, second, strict=True):
-        if one != other:
-            raise InputError(f"{name} must have one unit in both states, got {one} and {other}; declare `factor` alike")
+    for name, unit, other in zip(names, first, second, strict=True):
+        if unit != other:
+            raise InputError(
+                f"{name} must have one unit in both states, got {unit} and {other}; declare `factor` alike"
+            )
 
 
 def _tested_std(covariance: FloatArray) -> FloatArray:
@@ -438,19 +440,21 @@ def _changes_by_fixed_values(
     compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
     baseline; through them a fixed value of one state also changes the other, where the covariances are finite.
     """
-    names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
-    errors = np.maximum(*(_errors(one, names) for one in (baseline, later)))
+    names = tuple(
+        dict.fromkeys(name for state in (baseline, later) if state.fixed for name in state.fixed.change_names)
+    )
+    errors = np.maximum(*(_errors(state, names) for state in (baseline, later)))
     before, after = _aligned(baseline, names, errors), _aligned(later, names, errors)
     if not carried or not names:
         return before[first], after[second]
-    at, to = _places(baseline, carried), _places(later, carried)
+    in_first, in_second = _places(baseline, carried), _places(later, carried)
     p, q = baseline.covariance_of_data, later.covariance_of_data
-    known = p[np.ix_(at, at)]
-    if not (np.isfinite(known).all() and np.isfinite(q[:, to]).all()):
+    known = p[np.ix_(in_first, in_first)]
+    if not (np.isfinite(known).all() and np.isfinite(q[:, in_second]).all()):
         return before[first], after[second]
-    after = after + q[:, to] @ np.linalg.solve(known, before[at])
-    moved = np.linalg.solve(known, after[to] - before[at])
-    return before[first] + p[np.ix_(first, at)] @ moved, after[second]
+    after = after + q[:, in_second] @ np.linalg.solve(known, before[in_first])
+    moved = np.linalg.solve(known, after[in_second] - before[in_first])
+    return before[first] + p[np.ix_(first, in_first)] @ moved, after[second]
 
 
 def _aligned(estimate: Identified, names: tuple[str, ...], errors: FloatArray) -> FloatArray:
@@ -480,16 +484,16 @@ def _update_by_carried(
     p, q = baseline.covariance_of_data, later.covariance_of_data
     values, other = baseline.values[first], q[np.ix_(second, second)]
     if not carried:
-        own = p[np.ix_(first, first)]
-        return values, own, other, np.zeros_like(own)
-    at, to = _places(baseline, carried), _places(later, carried)
-    rows, columns = np.concatenate([at, first]), np.concatenate([to, second])
+        unchanged = p[np.ix_(first, first)]
+        return values, unchanged, other, np.zeros_like(unchanged)
+    in_first, in_second = _places(baseline, carried), _places(later, carried)
+    rows, columns = np.concatenate([in_first, first]), np.concatenate([in_second, second])
     log = (baseline.values[rows] > 0) & (later.values[columns] > 0)
     scale = np.where(log, baseline.values[rows], 1.0)
     p = p[np.ix_(rows, rows)] / np.outer(scale, scale)
     scale = np.where(log, later.values[columns], 1.0)
     q = q[np.ix_(columns, columns)] / np.outer(scale, scale)
-    n = len(at)
+    n = len(in_first)
     if not np.isfinite(p[:n, :n]).all():
         nothing = np.full_like(other, np.nan)
         return values, nothing, other, nothing

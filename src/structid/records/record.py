@@ -624,7 +624,7 @@ def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Seq
 
 
 def _listed(items: Sequence[Hashable]) -> str:
-    return join_words([f"{one:.12g}" if isinstance(one, float) else one for one in items])
+    return join_words([f"{item:.12g}" if isinstance(item, float) else item for item in items])
 
 
 def rename_channels(record: R, names: Mapping[str, str]) -> R:

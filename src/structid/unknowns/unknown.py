@@ -498,7 +498,7 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
     names = list(dict.fromkeys(p.element for p in structure.properties))
     chosen = _SELECTION.match(text)
     name, selection = (text, None) if text in names or chosen is None else (chosen["name"], chosen)
-    component = next((one.name for one in structure.components if name in one.elements), None)
+    component = next((candidate.name for candidate in structure.components if name in candidate.elements), None)
     if component is not None:
         raise InputError(
             f"element set {name!r} is in component {component!r}, which is reduced once, so that no property of it can change:"

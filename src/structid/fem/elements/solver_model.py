@@ -98,7 +98,7 @@ class SolverModel(ElementSet):
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
-        references = {one.name: one.reference for one in self.parameters}
+        references = {parameter.name: parameter.reference for parameter in self.parameters}
         kinds: dict[str, Kind] = dict.fromkeys(_KINDS, "parameter") if self.own_modes else _KINDS
         matrix_terms: dict[str, list[ElementMatrixTerm]] = {name: [] for name in (*_KINDS, *references)}
         for part in self.parts:
@@ -116,9 +116,9 @@ class SolverModel(ElementSet):
                     reduced=bool(self.own_modes),
                 )
             )
-        one = np.ones(1)
+        unit_factor = np.ones(1)
         terms = [
-            PropertyMatrices(name, kind, "1", one, matrix_terms[name])
+            PropertyMatrices(name, kind, "1", unit_factor, matrix_terms[name])
             for name, kind in kinds.items()
             if matrix_terms[name]
         ]

@@ -481,9 +481,9 @@ def _read_numbers(
             if empty.any():
                 raise FieldError(int(np.argmax(empty)), "")
         except FieldError as error:
-            at = int(line[part.start + error.index]) + 1
+            line_number = int(line[part.start + error.index]) + 1
             raise FileError(
-                f"{path}, line {at}: matrix {title.name!r} has {error.text!r} where a number in {title.width} columns "
+                f"{path}, line {line_number}: matrix {title.name!r} has {error.text!r} where a number in {title.width} columns "
                 f"should be; {_TEXT_REMEDY}"
             ) from None
     return values

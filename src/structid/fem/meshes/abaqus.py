@@ -94,7 +94,7 @@ class _Reader:
 
         Raises `ValueError` or `KeyError` if its lines cannot be read.
         """
-        own, name = self._assembly.own, block.options.get("NAME", "")
+        assembly_part, name = self._assembly.own, block.options.get("NAME", "")
         if block.keyword == "PART":
             self._scope = self._parts.setdefault(name.upper(), PartData(name))
         elif block.keyword == "ASSEMBLY":
@@ -103,10 +103,10 @@ class _Reader:
             self._begin_instance(block, name)
         elif block.keyword == "END INSTANCE":
             self._scope.move(self._placing)
-            self._scope = own if own is not None else self._root
+            self._scope = assembly_part if assembly_part is not None else self._root
         elif block.keyword in ("END PART", "END ASSEMBLY"):
             self._scope = self._root
-        elif self._scope is own and own is not None and block.keyword in ("NSET", "ELSET"):
+        elif self._scope is assembly_part and assembly_part is not None and block.keyword in ("NSET", "ELSET"):
             self._assembly.take_set(block)
         else:
             self._scope.take(block, _node_counts(block))
@@ -147,8 +147,8 @@ class _Reader:
                 self._root.overlong |= part.overlong
             self._assembly.scopes.append(self._root)
         else:  # what stands behind the assembly works on the whole model
-            own = self._assembly.own = self._assembly.own or PartData()
-            own.blocks.extend(self._root.blocks)
+            assembly_part = self._assembly.own = self._assembly.own or PartData()
+            assembly_part.blocks.extend(self._root.blocks)
         if not any(scope.nodes and scope.elements for scope in self._assembly.scopes):
             raise FileError(f"{self._path}: holds no *NODE and *ELEMENT lines; export the mesh, not only the steps")
         self._assembly.owners = self._owners if len(self._assembly.scopes) == 1 else {}
@@ -239,10 +239,13 @@ def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray
 
     `factor` turns lengths of the file into m.
     """
-    own = assembly.own
-    if own is None:
+    assembly_part = assembly.own
+    if assembly_part is None:
         return {}
-    return {label + assembly.shift(own): factor * np.array(position) for label, position in own.nodes.items()}
+    return {
+        label + assembly.shift(assembly_part): factor * np.array(position)
+        for label, position in assembly_part.nodes.items()
+    }
 
 
 def _cell_groups(assembly: Assembly, rows_of: list[dict[int, int]]) -> dict[str, tuple[IntArray, ...]]:
@@ -280,15 +283,15 @@ def _members_of_sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
             if not taken:
                 name = next((name for name in sets if name.upper() == key), scope.names[key])
                 sets[name] = sets.get(name, set()) | labels
-    own = assembly.own
-    if own is not None:
+    assembly_part = assembly.own
+    if assembly_part is not None:
         for key, by_owner in shared.items():
-            sets[own.names[key]] = {
+            sets[assembly_part.names[key]] = {
                 label + assembly.shifts[owner] for owner, labels in by_owner.items() for label in labels
             }
-        for key, members in (own.node_sets if is_nodes else own.cell_sets).items():
-            labels = {label + assembly.shift(own) for label in members}
-            sets[own.names[key]] = sets.get(own.names[key], set()) | labels
+        for key, members in (assembly_part.node_sets if is_nodes else assembly_part.cell_sets).items():
+            labels = {label + assembly.shift(assembly_part) for label in members}
+            sets[assembly_part.names[key]] = sets.get(assembly_part.names[key], set()) | labels
     return {name: members for name, members in sets.items() if name}
 
 

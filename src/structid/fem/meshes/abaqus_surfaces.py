@@ -94,9 +94,9 @@ class Surfaces:
 
         Raises `ValueError` if there is none.
         """
-        own = self._assembly.own
+        assembly_part = self._assembly.own
         owner, dot, bare = name.strip('"').upper().rpartition(".")
-        every = [*([own] if own is not None else []), *self._assembly.scopes]
+        every = [*([assembly_part] if assembly_part is not None else []), *self._assembly.scopes]
         holders = [self._assembly.scope(owner)] if dot else [scope, *(other for other in every if other is not scope)]
         for holder in holders:
             for block in holder.blocks:

@@ -45,21 +45,23 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
     unit force at a sensor and under the load. Nothing without measured components of stated variance.
     """
     solver, structure = model.solver, model.slopes.structure
-    if not isinstance(solver, SubstructureCoupling) or all(one.variance is None for one in structure.measured):
+    if not isinstance(solver, SubstructureCoupling) or all(
+        component.variance is None for component in structure.measured
+    ):
         return
     forces = solver.forces(physical, model.fixed_coefficients)
     sides = model.channels
     g, q = sides.under_sensors(forces)[..., : sides.n_outputs], sides.under_loads(forces)
     first = solver.n_driven
-    for one in structure.measured:
-        n = len(one.interface)
-        if one.variance is not None:
-            weights = one.weights_at(model.frequency)
+    for component in structure.measured:
+        n = len(component.interface)
+        if component.variance is not None:
+            weights = component.weights_at(model.frequency)
             for i, j in zip(*(index.tolist() for index in np.triu_indices(n)), strict=True):
                 change = g[:, first + i, :, None] * q[:, first + j, None]
                 if i != j:
                     change = change + g[:, first + j, :, None] * q[:, first + i, None]
-                yield ErrorsOfEntry(_deviation(one, i, j), weights, change * model.kind_factor[:, None, None])
+                yield ErrorsOfEntry(_deviation(component, i, j), weights, change * model.kind_factor[:, None, None])
         first += n
 
 

@@ -204,7 +204,7 @@ class FrfProblem(RecordProblem):
     @property
     def has_component_errors(self) -> bool:
         """True where errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
-        return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
+        return self.form != "equation" and any(component.variance is not None for component in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
         """Changes of the observed FRFs by the errors of measured components, channel errors included.

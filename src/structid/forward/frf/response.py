@@ -222,7 +222,7 @@ def response(
     reduced = None if bases or structure.measured else reduced
     small = DenseSolver(slopes, sides, record.frequency)
     solver: FrfSolver = small
-    alone = next((one for one in structure.elements if isinstance(one, SolverFrfs)), None)
+    alone = next((element for element in structure.elements if isinstance(element, SolverFrfs)), None)
     if alone is not None:
         solver = TabulatedFrf(alone, structure, unknown, record)
     elif structure.n_dofs > DENSE_UP_TO:

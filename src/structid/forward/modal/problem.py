@@ -91,8 +91,8 @@ class ModalProblem(RecordProblem):
 
     def __new__(cls, *given: object, **named: object) -> Self:
         """New problem; raises `InputError` if settings are given one by one and not in `settings`."""
-        moved = [one.name for one in fields(ModalSettings) if one.name in named]
-        if moved or any(isinstance(one, str) for one in given):
+        moved = [item.name for item in fields(ModalSettings) if item.name in named]
+        if moved or any(isinstance(item, str) for item in given):
             example = f"{moved[0]}={named[moved[0]]!r}" if moved else 'form="dynamic"'
             raise InputError(f"how modes are fitted is said in `settings`: write settings=ModalSettings({example})")
         return super().__new__(cls)

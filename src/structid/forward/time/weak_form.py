@@ -292,22 +292,22 @@ def identified_by_weak_form(
     form = weak_form(structure, unknown, record, options)
     values: FloatArray = np.array(unknown.start)
     history: list[FloatArray] = [values]
-    converged, found, before = False, None, values
+    converged, solution, before = False, None, values
     for _ in range(options.max_iterations):
         rows, before = form.rows(values), values
         if len(history) == 1:  # the given start serves for the weight alone: its residual says nothing of the noise
             rows = replace(rows, instruments=rows.regressors)
-        found = rows.solution()
-        if found is None:
+        solution = rows.solution()
+        if solution is None:
             break
-        history.append(found)
-        moved = np.abs(found - values) / np.sqrt(np.diag(rows.covariance()))
-        values = found
+        history.append(solution)
+        moved = np.abs(solution - values) / np.sqrt(np.diag(rows.covariance()))
+        values = solution
         if moved.max(initial=0.0) < _TOLERANCE:
             converged = True
             break
     message = "the parameters stay" if converged else f"stopped after {options.max_iterations} iterations"
-    if found is None:
+    if solution is None:
         message = "the windows do not determine the parameters"
-    fixed = None if found is None else fixed_rows(structure, unknown, options.tolerances, before, form.rows_with)
-    return linear_estimate(rows, found, history, converged, message, True, options.misfit_probability, fixed=fixed)
+    fixed = None if solution is None else fixed_rows(structure, unknown, options.tolerances, before, form.rows_with)
+    return linear_estimate(rows, solution, history, converged, message, True, options.misfit_probability, fixed=fixed)

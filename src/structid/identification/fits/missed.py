@@ -45,7 +45,7 @@ class MissedValues:
 
     @property
     def is_far(self) -> bool:
-        """True if the misfit of the resonance is so large that no interval of the fit can be valid for it."""
+        """True if the values are missed by so much that no interval of the fit can be valid."""
         return self.chi_square_per_value > _OF_MODES
 
     @property

@@ -131,12 +131,12 @@ def scale_words(names: list[str], reference: str = "") -> str:
 
     With `reference`, it says that ratios to this parameter are given.
     """
-    given = (
+    stated = (
         f" Their ratios to {reference} are given with intervals that take fixed values as exact;" if reference else ""
     )
     return (
         "what is measured without a force gives ratios of stiffness to mass, not kilograms: one common scale of"
-        f" {_listed(names)} is free.{given or ' Ratios are determined as far as no other direction is free;'} a known"
+        f" {_listed(names)} is free.{stated or ' Ratios are determined as far as no other direction is free;'} a known"
         " mass, a prior or a record with a measured force fixes the scale"
     )
 

@@ -45,12 +45,12 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
         The model at the same lines.
     """
     measured, model = (peaks(record.frequency, h, record.kind) for h in (record.values, predicted))
-    found = []
+    matched = []
     for peak in measured:
         near = model[np.abs(model - peak) <= _FARTHEST * peak]
         nearest = float(near[np.abs(near - peak).argmin()]) if near.size else float("nan")
-        found.append(Resonance(float(peak), nearest))
-    return tuple(found)
+        matched.append(Resonance(float(peak), nearest))
+    return tuple(matched)
 
 
 def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
@@ -80,17 +80,17 @@ def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatAr
 
 def prominent(level: FloatArray, least: float) -> IntArray:
     """Indices of the maxima of `level` (n,) that exceed the minima on both sides by at least `least`."""
-    found: list[int] = []
+    peaks: list[int] = []
     top = low = float(level[0])
-    at, rises = 0, False
+    index, rises = 0, False
     for i, value in enumerate(level.tolist()):
         if rises and value > top:
-            top, at = value, i
+            top, index = value, i
         elif rises and top - value >= least:
-            found.append(at)
+            peaks.append(index)
             low, rises = value, False
         elif not rises and value < low:
             low = value
         elif not rises and value - low >= least:
-            top, at, rises = value, i, True
-    return np.array(found, dtype=np.int64)
+            top, index, rises = value, i, True
+    return np.array(peaks, dtype=np.int64)

@@ -57,12 +57,12 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
     """
     if not (problem.structure.components or problem.is_reduced):
         return None
-    found = problem.predicted(theta)
-    size = np.abs(found).reshape(len(found), -1).max(axis=1)
+    reduced = problem.predicted(theta)
+    size = np.abs(reduced).reshape(len(reduced), -1).max(axis=1)
     inner = size[1:-1]
     peaks = 1 + np.flatnonzero((inner >= size[:-2]) & (inner >= size[2:]))
     highest = peaks[np.argsort(-size[peaks])][:_PEAKS]
-    spread = np.linspace(0, len(found) - 1, _SPREAD + 2)[1:-1].round().astype(int)
+    spread = np.linspace(0, len(reduced) - 1, _SPREAD + 2)[1:-1].round().astype(int)
     lines = np.unique(np.concatenate([highest, spread]))
     structure = problem.structure.unreduced if problem.structure.components else problem.structure
     few = problem.record.lines(lines)
@@ -73,7 +73,7 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
         cache=ResponseCache() if problem.structure.components else problem.cache,
     )
     exact = whole.predicted(theta)
-    errors = [reading_error(*pair) for pair in zip(exact, found[lines], strict=True)]
+    errors = [reading_error(*pair) for pair in zip(exact, reduced[lines], strict=True)]
     worst = int(np.argmax(errors))
     return Truncation(
         errors[worst],
@@ -90,16 +90,16 @@ def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Tr
     """
     if not structure.components:
         return None
-    top = min(top, *(one.up_to for one in structure.components))
-    found = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs)).frequency
-    looked = np.flatnonzero((found <= top) & (found > _RIGID * top))
+    top = min(top, *(component.up_to for component in structure.components))
+    reduced = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs)).frequency
+    looked = np.flatnonzero((reduced <= top) & (reduced > _RIGID * top))
     if not looked.size:
         return Truncation(0.0, "reduction was not judged: the model has no mode in the band")
     exact = structure_modes(structure.unreduced, values, int(looked[-1]) + 1).frequency
-    errors = np.abs(found[looked] / exact[looked] - 1)
+    errors = np.abs(reduced[looked] / exact[looked] - 1)
     worst = int(np.argmax(errors))
     return Truncation(
         float(errors[worst]),
         f"reduction changes natural frequencies by up to {errors[worst]:.1g} ({len(looked)} modes up to {top:.5g} Hz solved"
-        f" for with nothing reduced, the worst at {found[looked[worst]]:.5g} Hz)",
+        f" for with nothing reduced, the worst at {reduced[looked[worst]]:.5g} Hz)",
     )

@@ -78,7 +78,7 @@ class Setup(RecordSetup[FrfProblem]):
         used = used_lines(self.record, options)
         lines = np.union1d(*self.axes(options))
         warnings = [*record_warnings(used)]
-        warnings += [words for one in self.structure.measured for words in one.line_warnings(lines)]
+        warnings += [words for component in self.structure.measured for words in component.line_warnings(lines)]
         model_error = options.model_error
         if used.variance is None and model_error == 0:
             model_error = _RELATIVE_WEIGHT
@@ -156,7 +156,7 @@ class Setup(RecordSetup[FrfProblem]):
 
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
     """Warnings on measured components of the structure that concern no particular line."""
-    words = [text for one in structure.measured for text in one.warnings]
+    words = [text for component in structure.measured for text in component.warnings]
     if structure.measured and options.start == "continuation":
         words.append(
             'start = "continuation" needs the model beside the lines of the record, where measured components are not known;'

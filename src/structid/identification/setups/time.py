@@ -437,7 +437,7 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
     motions = [(dof, quantity) for dof, quantity in pairs if quantity not in LOADS]
     if "support_acceleration" in record.quantities:  # per motion of a support
-        motions = [one for one in motions if one[1] == "acceleration"]
+        motions = [motion for motion in motions if motion[1] == "acceleration"]
     kinds = [quantity for _, quantity in motions]
     most: Quantity = max(dict.fromkeys(kinds), key=kinds.count, default="acceleration")
     places = [dof for dof, _ in motions]

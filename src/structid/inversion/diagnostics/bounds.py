@@ -68,12 +68,12 @@ class AtBound:
     def words(self) -> str:
         """Sentence with the bound that a parameter is at, how strongly the data push beyond it, and a remedy."""
         unit = "" if self.unit == "1" else f" {self.unit}"
-        at = f"{self.name} is at its {self.side} bound {self.limit:.6g}{unit}"
+        sentence = f"{self.name} is at its {self.side} bound {self.limit:.6g}{unit}"
         if not self.is_pushed:
-            return f"{at}: the data allow it, and do not push beyond it by more than chance"
+            return f"{sentence}: the data allow it, and do not push beyond it by more than chance"
         side = "below" if self.side == "lower" else "above"
         return (
-            f"{at}; the data push {side} it (a bound wider by one standard deviation, {self.std:.2g}{unit}, would lower"
+            f"{sentence}; the data push {side} it (a bound wider by one standard deviation, {self.std:.2g}{unit}, would lower"
             f" chi-square by {self.gain_per_std:.3g}): widen the bound or doubt the model"
         )
 
@@ -81,7 +81,7 @@ class AtBound:
 def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
     """Mask of the parameters that are not in `at_bound`, (n_params,) bool."""
     free = np.ones(n_params, dtype=bool)
-    free[[one.index for one in at_bound]] = False
+    free[[bound.index for bound in at_bound]] = False
     return free
 
 
@@ -122,13 +122,13 @@ def at_bounds(
     )
     if kept is not None:
         basis = basis[:, np.abs(np.diag(kept)) > 1e-12 * np.abs(np.diag(kept)).max(initial=0.0)]
-    found = []
+    bounds_met = []
     for i in np.flatnonzero(near).tolist():
         column = linearization.jacobian[:, i] / slope[i]
-        own = column - basis @ (basis.T @ column)
-        size = float(np.linalg.norm(own))
+        independent = column - basis @ (basis.T @ column)
+        size = float(np.linalg.norm(independent))
         outward = -1.0 if side[i] == 0 else 1.0
-        multiplier = -outward * float(own @ linearization.residual)
+        multiplier = -outward * float(independent @ linearization.residual)
         if not size > 0:
             continue
         std = 1 / size
@@ -137,5 +137,5 @@ def at_bounds(
         if is_beyond and noise_scale * std <= max(span[i], size_here):
             words = problem.names[i], problem.unknowns.units[i]
             which: Literal["lower", "upper"] = "lower" if side[i] == 0 else "upper"
-            found.append(AtBound(*words, i, which, float(limit[i]), multiplier, std, noise_scale))
-    return tuple(found)
+            bounds_met.append(AtBound(*words, i, which, float(limit[i]), multiplier, std, noise_scale))
+    return tuple(bounds_met)

@@ -301,10 +301,10 @@ def _correlated_sets(size: FloatArray) -> list[set[int]]:
     first, second = np.triu_indices(len(size), 1)
     strong = np.flatnonzero(size[first, second] >= STRONG_CORRELATION)
     for k in strong[np.argsort(-size[first[strong], second[strong]], kind="stable")].tolist():
-        one, other = clusters[int(first[k])], clusters[int(second[k])]
-        if one is not other and size[np.ix_(sorted(one), sorted(other))].min() >= STRONG_CORRELATION:
-            one |= other
-            clusters.update(dict.fromkeys(other, one))
+        cluster, other = clusters[int(first[k])], clusters[int(second[k])]
+        if cluster is not other and size[np.ix_(sorted(cluster), sorted(other))].min() >= STRONG_CORRELATION:
+            cluster |= other
+            clusters.update(dict.fromkeys(other, cluster))
     return [group for i, group in clusters.items() if len(group) > 1 and i == min(group)]
 
 

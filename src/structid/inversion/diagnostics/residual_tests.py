@@ -363,12 +363,12 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
         return None
     residual, jacobian = linearization.residual[: problem.n_data], linearization.jacobian[: problem.n_data]
     rows = [block == number for number in range(int(block.max()) + 1)]
-    told = block >= 0
-    whole, rank = _residual_squares_and_rank(jacobian[told], residual[told])
+    is_repeated = block >= 0
+    whole, rank = _residual_squares_and_rank(jacobian[is_repeated], residual[is_repeated])
     separate = [_residual_squares_and_rank(jacobian[q], residual[q]) for q in rows]
     least = sum(square for square, _ in separate)
     ranks = sum(count for _, count in separate)
-    between, within = ranks - rank, int(told.sum()) - ranks - linearization.n_eliminated
+    between, within = ranks - rank, int(is_repeated.sum()) - ranks - linearization.n_eliminated
     if between <= 0 or within <= 0 or least <= 0:
         return None
     ratio = (whole - least) / between / (least / within)

@@ -126,13 +126,13 @@ class _Normal:
 
     def diagonal(self) -> FloatArray:
         """Diagonal (n_params,) of the inverse of the normal matrix, solved for by groups of unit vectors."""
-        found = np.empty(self.n_params)
+        diagonal = np.empty(self.n_params)
         for first in range(0, self.n_params, _TOGETHER):
             last = min(first + _TOGETHER, self.n_params)
             units = np.zeros((self.n_params, last - first))
             units[np.arange(first, last), np.arange(last - first)] = 1.0
-            found[first:last] = self.inverse(units)[np.arange(first, last), np.arange(last - first)]
-        return found
+            diagonal[first:last] = self.inverse(units)[np.arange(first, last), np.arange(last - first)]
+        return diagonal
 
 
 def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockFit:
@@ -153,9 +153,9 @@ def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockF
     layout = band_layout(state.columns, state.n_params)
     if layout.width <= WIDEST_BAND:
         return _by_band(state, scale, layout)
-    found = _by_normal_equations(state, scale)
-    if found is not None:
-        return found
+    solution = _by_normal_equations(state, scale)
+    if solution is not None:
+        return solution
     if layout.width * state.n_params <= _LARGEST_BAND:
         return _by_band(state, scale, layout)
     return _unresolved(state, scale)
@@ -360,10 +360,10 @@ def _layout(columns: IntArray, n_params: int) -> BandLayout:
     `columns` (n_blocks, k) are the parameters of each block, -1 where it has fewer. `n_params` is the number of all
     parameters.
     """
-    place = np.empty(n_params, dtype=np.int64)
-    place[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)
+    positions = np.empty(n_params, dtype=np.int64)
+    positions[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)
     used = columns >= 0
-    places = np.where(used, place[columns], n_params)
+    places = np.where(used, positions[columns], n_params)
     low = places.min(axis=1, initial=n_params)
     high = np.where(used, places, -1).max(axis=1, initial=-1)
     order = np.argsort(low, kind="stable")
@@ -372,7 +372,7 @@ def _layout(columns: IntArray, n_params: int) -> BandLayout:
     empty = low == n_params
     reach = np.where(empty, n_params - 1, reach)  # no columns at all
     width = int((reach - low).max(initial=0)) + 1
-    return BandLayout(place, order, low, reach, width)
+    return BandLayout(positions, order, low, reach, width)
 
 
 def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
@@ -418,9 +418,9 @@ def swept(
             total += float((triangles[blocks, :-1, -1] ** 2).sum())
             continue
         tall = np.zeros((len(blocks), side - 1, n + 2))  # one column more for what is in no place
-        at = np.where(places[blocks] < n_params, places[blocks] - low, n + 1)
+        columns_at = np.where(places[blocks] < n_params, places[blocks] - low, n + 1)
         rows = triangles[blocks, :-1, :-1] * factor[places[blocks]][:, None, :]
-        tall[np.arange(len(blocks))[:, None, None], np.arange(side - 1)[:, None], at[:, None, :]] = rows
+        tall[np.arange(len(blocks))[:, None, None], np.arange(side - 1)[:, None], columns_at[:, None, :]] = rows
         tall[..., n] = triangles[blocks, :-1, -1]
         window = np.column_stack([_dense(band[low : low + n])[:, :n], right[low : low + n]])
         found = np.asarray(np.linalg.qr(np.concatenate([window, tall.reshape(-1, n + 2)[:, : n + 1]]), mode="r"))
@@ -453,8 +453,8 @@ def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> Flo
     for j in range(band.shape[1]):
         stored[band.shape[1] - 1 - j, j:] = band[: len(band) - j, j]
     wide = right[:, None] if right.ndim == 1 else right
-    found, _ = lapack.dtbtrs(stored, wide, uplo="U", trans="T" if transposed else "N")
-    return np.asarray(found[:, 0] if right.ndim == 1 else found)
+    solution, _ = lapack.dtbtrs(stored, wide, uplo="U", trans="T" if transposed else "N")
+    return np.asarray(solution[:, 0] if right.ndim == 1 else solution)
 
 
 def inverse_diagonal(band: FloatArray) -> FloatArray:

@@ -187,11 +187,11 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
         return _folded_by_numpy(triangles, maker.operator, fields)
     from structid.inversion.regression.compiled import fold_fields
 
-    found, given = np.array(triangles), np.ascontiguousarray(fields, dtype=np.float64)
+    folded, values = np.array(triangles), np.ascontiguousarray(fields, dtype=np.float64)
     longest = min(_LONGEST, max(_SHORTEST, _ENTRIES // side))
     groups = len(blocks.heads) - 1
-    shared_out(groups, work.threads, lambda first, last: fold_fields(found, given, blocks, first, last, longest))
-    return found
+    shared_out(groups, work.threads, lambda first, last: fold_fields(folded, values, blocks, first, last, longest))
+    return folded
 
 
 def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: FloatArray) -> FloatArray:
@@ -200,7 +200,7 @@ def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: 
     `operator` is sparse (n_blocks (k + 1), n_fields), `fields` are (n_fields, n_times).
     """
     n_blocks, side = triangles.shape[:2]
-    found = np.array(triangles)
+    folded = np.array(triangles)
     samples = max(1, min(fields.shape[1], _ROW_ENTRIES // (8 * side)))
     blocks = max(1, _ROW_ENTRIES // (side * samples))
     for first in range(0, n_blocks, blocks):
@@ -208,6 +208,6 @@ def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: 
         part = operator[first * side : last * side] if blocks < n_blocks else operator
         for at in range(0, fields.shape[1], samples):
             rows = (part @ fields[:, at : at + samples]).reshape(last - first, side, -1)
-            stacked = np.concatenate([found[first:last], np.swapaxes(rows, 1, 2)], axis=1)
-            found[first:last] = np.linalg.qr(stacked, mode="r")
-    return found
+            stacked = np.concatenate([folded[first:last], np.swapaxes(rows, 1, 2)], axis=1)
+            folded[first:last] = np.linalg.qr(stacked, mode="r")
+    return folded

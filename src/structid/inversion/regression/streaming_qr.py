@@ -187,12 +187,13 @@ def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> 
     (..., n_params + 1, n_params + 1) float array
     """
     batch, side = triangles.shape[:-3], triangles.shape[-1]
-    place = np.concatenate([columns, np.full((len(columns), 1), n_params)], axis=1)
-    place = np.where(place < 0, n_params + 1, place)  # columns without a parameter go to one more, dropped below
+    columns_at = np.concatenate([columns, np.full((len(columns), 1), n_params)], axis=1)
+    # columns without a parameter go to one more, dropped below
+    columns_at = np.where(columns_at < 0, n_params + 1, columns_at)
     total = np.zeros((*batch, n_params + 1, n_params + 1))
     step = max(1, (n_params + 1) // side, _FOLD_ENTRIES // (side * (n_params + 2) * max(1, int(np.prod(batch)))))
     for first in range(0, len(columns), step):
-        part = place[first : first + step]
+        part = columns_at[first : first + step]
         wide = np.zeros((*batch, len(part), side, n_params + 2))
         block = np.arange(len(part))[:, None, None]
         wide[..., block, np.arange(side)[:, None], part[:, None, :]] = triangles[..., first : first + step, :, :]

@@ -70,8 +70,8 @@ class WithJacobian:
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
         """Covariance and rank at the minimum from the information matrix; see `dense_uncertainty`."""
-        at = cast(Linearization, minimum.linearization)
-        return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability, fixed)
+        linearization = cast(Linearization, minimum.linearization)
+        return dense_uncertainty(problem, minimum.theta, linearization, minimum.converged, misfit_probability, fixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,12 +208,12 @@ class LevenbergMarquardt(WithJacobian):
 
     def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
         """Linearization at free variables `theta` (n_params,) with its QR triangle and column norms."""
-        at = problem.linearize(theta)
-        both, n = at.triangle(), at.n_params
+        linearization = problem.linearize(theta)
+        both, n = linearization.triangle(), linearization.n_params
         triangle, projected = both[:n, :n], both[:n, n]
         return FactoredPoint(
             theta=theta,
-            at=at,
+            at=linearization,
             scale=np.linalg.norm(triangle, axis=0),
             size=sizes_at(problem, theta),
             triangle=triangle,

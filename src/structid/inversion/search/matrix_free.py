@@ -82,21 +82,21 @@ class MatrixFree:
             raise InputError(f"`draws` must be 0 or at least 2, got {self.draws}; 32 gives standard deviations to 12 %")
 
     def at(self, problem: Problem, theta: FloatArray) -> Point[OperatorLinearization]:
-        at = problem.linearize_operator(theta)
-        return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
+        linearization = problem.linearize_operator(theta)
+        return Point(theta, linearization, np.sqrt(linearization.squares), sizes_at(problem, theta))
 
     def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end."""
-        at, weight = point.at, damping.factor * damping.scale**2
-        gradient = at.transposed(at.residual)
+        linearization, weight = point.at, damping.factor * damping.scale**2
+        gradient = linearization.transposed(linearization.residual)
         step, count, _ = conjugate_gradients(
-            lambda v: at.information(v) + weight * v,
+            lambda v: linearization.information(v) + weight * v,
             -gradient,
-            preconditioner(at, weight),
+            preconditioner(linearization, weight),
             self.inner_tolerance,
             self.max_inner,
         )
-        linear = at.product(step)
+        linear = linearization.product(step)
         promised = -float(linear @ linear + 2 * step @ gradient)
         end = damped_end(point, damping, step, promised, self.step_tolerance, self.gain_tolerance)
         if end is not None:
@@ -122,9 +122,9 @@ class MatrixFree:
 
         Degrees of freedom are the rows, priors included, less the parameters.
         """
-        at = minimum.linearization
-        freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.rows.averages)
-        return misses_noise(problem, at.residual, scale, share * freedom, probability)
+        linearization = minimum.linearization
+        freedom, (scale, share) = len(linearization.residual) - linearization.n_params, row_law(problem.rows.averages)
+        return misses_noise(problem, linearization.residual, scale, share * freedom, probability)
 
     def uncertainty(
         self,
@@ -135,5 +135,7 @@ class MatrixFree:
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
         """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
-        at = cast(OperatorLinearization, minimum.linearization)
-        return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed, fixed)
+        linearization = cast(OperatorLinearization, minimum.linearization)
+        return drawn_uncertainty(
+            problem, minimum.theta, linearization, self.draws, self.solved, misfit_probability, seed, fixed
+        )

@@ -197,8 +197,10 @@ def searched_minima(
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
-    found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
-    minima += [_read_minimum(problem, method, task) for task in found]
+    more_minima = (
+        work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
+    )
+    minima += [_read_minimum(problem, method, task) for task in more_minima]
     if not search.wide_starts or (good and not _is_determined_somewhere(problem, best, start)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
@@ -387,7 +389,7 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
     far = np.log(search.doubt_beyond)
     if np.isfinite(far) and (moved > far * sizes_at(problem, start)).any():
         return True
-    return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
+    return any(bound.is_pushed for bound in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
 
 
 def _search(

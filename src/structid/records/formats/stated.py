@@ -173,8 +173,8 @@ def frequency_unit(path: Path, name: str, options: ReadOptions) -> str:
             stated = text
     if stated and options.axis_unit:
         with about("axis_unit"):
-            given = parse_frequency_unit(options.axis_unit)
-        if abs(parse_frequency_unit(stated) / given - 1) > 1e-9:
+            factor = parse_frequency_unit(options.axis_unit)
+        if abs(parse_frequency_unit(stated) / factor - 1) > 1e-9:
             raise InputError(
                 f"{path}: array {name!r} says by its name that it is in {stated}, but `axis_unit` {options.axis_unit} was given;"
                 " leave it out",

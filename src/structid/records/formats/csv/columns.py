@@ -545,7 +545,7 @@ def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> No
         match = _match_pair(name)
         words = [match["part"]] if match is not None else _PART_WORD.findall(name)
         said = {_PART_WORDS[word.lower()] for word in words} or {head.part}
-        told = (
+        pairs = (
             []
             if match is None
             else [
@@ -554,7 +554,7 @@ def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> No
             ]
         )
         is_other = any(
-            _is_other_dof(word, name) or meant.setdefault((role, word), name) != name for role, word, name in told
+            _is_other_dof(word, name) or meant.setdefault((role, word), name) != name for role, word, name in pairs
         )
         if head.part not in said or is_other:
             raise _column(

@@ -175,11 +175,11 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
     try:
         text = path.read_text(encoding=_encoding_by_mark(path) if layout.encoding == "utf-8" else layout.encoding)
     except UnicodeError as error:
-        at = error.start if isinstance(error, UnicodeDecodeError) else 0
+        byte = error.start if isinstance(error, UnicodeDecodeError) else 0
         if b"\0" in path.read_bytes():
             raise _null_bytes_error(path) from error
         raise FileError(
-            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give"
+            f"{path}: is not {layout.encoding.upper()} text (byte {byte}); save it as CSV UTF-8, or give"
             f" {layout_words(encoding='cp1252')} (or utf-16)"
         ) from error
     except (OSError, LookupError) as error:
