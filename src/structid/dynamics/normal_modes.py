@@ -281,9 +281,10 @@ def _root(
 def _modes_of_root(
     triangle: FloatArray, mass_root: FloatArray, order: NDArray[np.intp], shift: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Circular frequencies (rad/s), ascending, and mass-normalized shapes of a stiffness R'R - `shift` M.
+    """Circular frequencies (n_modes,) in rad/s, ascending, and mass-normalized shapes (n_dofs, n_modes) of R'R - `shift` M.
 
-    `triangle` is R, `mass_root` is L with L L' = M, and `order` that of the degrees of freedom in both.
+    `triangle` is R and `mass_root` is L with L L' = M, (n_dofs, n_dofs) each; `order` (n_dofs,) is that of the degrees of
+    freedom in both.
     """
     left, singular, _ = linalg.svd(linalg.solve_triangular(triangle, mass_root, trans="T"), full_matrices=False)
     shapes = np.empty_like(left)
@@ -371,7 +372,10 @@ def _orthonormal(block: FloatArray) -> FloatArray:
 
 
 def _ritz(energy: _Energy, mass: sparse.csc_array, space: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues, ascending, and mass-normalized vectors of the best approximation in `space`."""
+    """Eigenvalues (n,), ascending, and mass-normalized vectors (n_dofs, n) of the best approximation in `space` (n_dofs, n).
+
+    `energy` gives V'KV of a space V, `mass` is (n_dofs, n_dofs).
+    """
     values, turn = linalg.eigh(energy(space), space.T @ (mass @ space))
     return values, space @ turn
 

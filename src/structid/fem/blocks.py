@@ -170,7 +170,7 @@ class Pattern:
 
     @cached_property
     def _flat(self) -> IntArray:
-        """Indices of the entries in a flattened dense array."""
+        """Indices (n_entries,) of the entries of the pattern in a flattened dense array."""
         size = len(self.starts) - 1
         return self.indices.astype(np.int64) * size + np.repeat(np.arange(size), np.diff(self.starts))
 

@@ -265,11 +265,7 @@ def _reduce_component(
 
 
 def _interface_codes(component: Component, codes: IntArray, equations: DofEquations) -> IntArray:
-    """Codes of a component that its `interface` names, and those that they follow through ties; a subset of `codes`.
-
-    `codes` are the component's sorted degrees of freedom. The result is in the order of the names and may repeat codes.
-    Raises `InputError` if a named degree of freedom leads to none of them.
-    """
+    """Codes (n,) of a component that its `interface` names, and those that they follow through ties; a subset of `codes`."""
     parts = [np.zeros(0, dtype=np.int64)]
     for dof in component.interface:
         code = dof_code(dof.node, dof.direction)

@@ -213,7 +213,7 @@ class ModalDamping(Factor):
 
     @cached_property
     def _values(self) -> IntArray:
-        """Indices of the values of masses and stiffnesses among all values."""
+        """Indices (n,) of the values of masses and stiffnesses among all property values."""
         every = np.arange(self.n_values)
         return np.unique(np.concatenate([every[index] for part in self.parts for index in part.value_indices]))
 

@@ -194,7 +194,7 @@ def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> Elemen
 
 
 def _free_between(terms: Sequence[PropertyMatrices], pieces: int, active: Sequence[str]) -> IntArray:
-    """Codes between the pieces of bending lines, in the directions that their stiffness couples with the active ones; sorted.
+    """Codes (n,) between the pieces of bending lines in the directions that their stiffness couples with the active ones; sorted.
 
     Empty for lines without rotations, which are bars. `terms` are those of the set, cut into `pieces`; `active` are the
     directions in which nodes move.

@@ -249,6 +249,6 @@ def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], acti
 
 
 def tied_codes(equations: DofEquations) -> IntArray:
-    """All codes that take part."""
+    """Codes (n,) of all degrees of freedom that take part in the equations of ties, dependent or not."""
     codes = {code for dependent, others in equations.items() for code in (dependent, *others)}
     return np.array(sorted(codes), dtype=np.int64)

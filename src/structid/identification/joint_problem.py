@@ -86,7 +86,7 @@ def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage:
 
 
 def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
-    """Indices in `names` of the names `wanted`."""
+    """Indices (n_wanted,) in `names` of the names `wanted`."""
     index_of = {name: i for i, name in enumerate(names)}
     return np.array([index_of[name] for name in wanted], dtype=int)
 

@@ -26,7 +26,7 @@ def expected_square(averages: FloatArray | float) -> FloatArray:
 
 
 def square_variance(averages: FloatArray) -> FloatArray:
-    """Variance that each of the two real rows of a complex error adds to the sum of squares, for each number of averages.
+    """Variance (n,) that each of the two real rows of a complex error adds to the sum of squares, by numbers of `averages` (n,).
 
     It is 2 for infinitely many averages, and finite only above three.
     """
@@ -56,7 +56,7 @@ def normal_values(values: FloatArray, averages: FloatArray) -> FloatArray:
 
 
 def few_averages(averages: FloatArray | None) -> FloatArray | None:
-    """Array `averages` where the estimated variances matter, else None.
+    """Array `averages` (n_rows,) where the estimated variances matter, else None.
 
     None if `averages` is None, if all entries are infinite (variances known), or if any entry is 3 or less.
     """

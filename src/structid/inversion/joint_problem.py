@@ -135,7 +135,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _first_priors(self) -> tuple[IntArray, ...]:
-        """Residual indices of the prior rows of each problem that no earlier problem states, an int array for each problem."""
+        """Residual indices (n,) of the prior rows of each problem that no earlier problem states, one array a problem."""
         priors = self._priors_at_start
         kept = _first_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
@@ -247,7 +247,7 @@ class JointUnknowns:
 
     @cached_property
     def columns(self) -> tuple[IntArray, ...]:
-        """Indices of the unknowns of each part among all."""
+        """Indices (n_part,) of the unknowns of each part among all, one array a part."""
         index = {name: i for i, name in enumerate(self.names)}
         return tuple(np.array([index[name] for name in labels], dtype=int) for labels in self.labels)
 

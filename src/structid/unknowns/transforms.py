@@ -46,7 +46,7 @@ class Transforms:
 
     @cached_property
     def _masks(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which parameters are of kind ``log``, and of ``interval``."""
+        """Masks (n_params,) of the parameters of kind ``log``, and of those of kind ``interval``."""
         kinds = np.array(self.kinds, dtype=object)
         return kinds == "log", kinds == "interval"
 

@@ -351,7 +351,7 @@ def offset_cells(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
 
 
 def _used_labels(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
-    """Labels of the nodes of cells and of `parts`."""
+    """Labels (n,) of the nodes of cells and of `parts`."""
     beside = np.array(sorted(node for part in parts for node in part.nodes), dtype=np.int64)
     return np.unique(np.concatenate([beside, *(block.nodes.ravel() for block in mesh.blocks)]))
 

@@ -394,7 +394,7 @@ class _OffsetReader:
         return vector @ np.array([x, np.cross(z, x), z])
 
     def _with_grids(self, block: CellBlock, rows: IntArray) -> IntArray:
-        """The `rows` whose nodes all exist; others are refused with the mesh."""
+        """The indices `rows` (n,) of cards whose nodes all exist; the others are refused with the mesh."""
         known = np.isin(block.nodes[rows], list(self._positions)).all(axis=1) if len(rows) else np.zeros(0, bool)
         return rows[known]
 

@@ -130,7 +130,7 @@ class _DeckContext:
         return self.axes.get(node, np.eye(3))
 
     def axes_of(self, system: int, node: int) -> FloatArray:
-        """Directions of a coordinate system at a grid point, as rows."""
+        """Directions (3, 3) of the coordinate system number `system` at the grid point `node`, as rows."""
         position = self.positions[node] / self.units.length
         return self.systems.system(system).directions_at(position)[0]
 

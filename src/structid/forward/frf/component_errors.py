@@ -98,7 +98,7 @@ class ComponentNoise:
 
     @property
     def factor(self) -> FloatArray | None:
-        """Rows of unit variance, then those of every error; None where these are too many to be formed."""
+        """Rows of unit variance, then those of every error, (n_data + n_errors, n_data); None if they are too many to be formed."""
         rows = error_rows(self.entries(), self.whitening)
         return None if rows is None else np.concatenate([np.eye(self.n_data), rows])
 

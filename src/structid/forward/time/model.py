@@ -429,7 +429,7 @@ class InputHold:
         return isinstance(self.force, Oscillation)
 
     def times(self, n_times: int) -> FloatArray:
-        """The start where it precedes the first sample, and the samples, s."""
+        """Instants (n_times,) in s: the start where it precedes the first sample, then the samples."""
         samples = self.start + self.gap + self.step * np.arange(n_times)
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 

@@ -168,7 +168,7 @@ class Incidentals:
 
     @cached_property
     def free_amplitudes(self) -> IntArray:
-        """Indices of the amplitudes of an oscillation that belong to noisy loads."""
+        """Indices (n,) of the amplitudes of an oscillation that belong to noisy loads."""
         of = self.histories
         return np.flatnonzero(np.resize(of.force_deviation > 0, len(of.known_force)))
 

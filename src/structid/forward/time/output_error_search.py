@@ -306,7 +306,10 @@ def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], t
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Starting points (free variables) by linear fits to the first 4, 8 and 16 samples; none if some motion is not measured."""
+    """Starting points (n_params,), free variables, by linear fits to the first 4, 8 and 16 samples.
+
+    None if some motion is not measured.
+    """
     for n_samples in _LINEAR_SAMPLES:
         if n_samples > len(record.values):
             return
@@ -323,7 +326,7 @@ def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) 
 
 
 def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Starting point (free variables) by the weak form; nothing if it is not applicable."""
+    """Starting point (n_params,), free variables, by the weak form; nothing if it is not applicable."""
     try:
         fitted = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
     except InputError:
@@ -332,6 +335,6 @@ def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -
 
 
 def _free(unknown: Parameters, values: FloatArray) -> FloatArray:
-    """Free variables of `values`; of the start where these are out of range or not determined."""
+    """Free variables (n_params,) of `values` (n_params,); of the start where these are out of range or not determined."""
     inside = (values > unknown.transforms.lower) & (values < unknown.transforms.upper)
     return unknown.transforms.free(np.where(inside, values, unknown.start))

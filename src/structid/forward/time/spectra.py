@@ -430,7 +430,10 @@ def _forces(model: SpectraModel) -> FloatArray:
 
 
 def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
-    """Factor of the response far above all modes in H, errors of channels included."""
+    """Factor of the response far above all modes in H, errors of channels included, (n_frequencies, n_outputs, n_inputs).
+
+    `read` (n_frequencies, n_outputs) and `stated` (n_frequencies, n_inputs) are the factors of sensors and of load cells.
+    """
     of_sensors = spectra.hold_aliases * read / spectra.output_powers
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
 

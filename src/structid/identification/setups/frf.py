@@ -130,7 +130,7 @@ class Setup(RecordSetup[FrfProblem]):
         )
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
-        """Frequencies (Hz) of the lines that are fitted, and of those on which the fit is judged."""
+        """Frequencies (Hz) of the lines that are fitted, (n_fitted,), and of those on which the fit is judged, (n_judged,)."""
         used = used_lines(self.record, options)
         judged = self.record.band(*options.evaluation_band) if options.evaluation_band else used
         return used.frequency, judged.frequency

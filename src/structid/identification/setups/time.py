@@ -236,7 +236,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         )
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
-        """Frequencies (Hz) that are used in the fit and those on which it is judged."""
+        """Frequencies (Hz) that are used in the fit, (n_fitted,), and those on which it is judged, (n_judged,)."""
         shown = self._averaged.frfs
         judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
         used = super().axes(options)[0] if self.own_estimator else _spectra(self, options).frequency
@@ -516,7 +516,7 @@ def _first_run(lines: IntArray) -> IntArray:
 
 
 def _driven(record: TimeRecord, length: int) -> FloatArray:
-    """Frequencies (Hz) of segments of `length` samples at which a force has eight times the power of its noise.
+    """Frequencies (n,) in Hz of segments of `length` samples at which a force has eight times the power of its noise.
 
     All frequencies if the noise is unknown or the segments are shorter than `_FEWEST` samples.
     """

@@ -401,7 +401,7 @@ class Bound:
 
     @property
     def relative(self) -> FloatArray:
-        """Standard deviations over sizes; infinite where nothing determines the parameter, or its size is 0."""
+        """Standard deviations over sizes, (n_params,); infinite where nothing determines the parameter, or its size is 0."""
         safe = np.where(self.sizes > 0, self.sizes, np.nan)
         return np.nan_to_num(self.std / safe, nan=np.inf)
 

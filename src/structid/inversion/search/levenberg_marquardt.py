@@ -101,12 +101,12 @@ class _Damped:
     scale: FloatArray
 
     def step(self, projected: FloatArray) -> FloatArray:
-        """Minimizer of |R s + projected|^2 + damping |D s|^2."""
+        """Step s (n_params,) that minimizes |R s + projected|^2 + damping |D s|^2, with `projected` (n_params,)."""
         right = self.orthogonal[: len(projected)].T @ projected
         return -solve_upper(self.triangle, right)
 
     def downhill(self, gradient: FloatArray) -> FloatArray:
-        """The damped step from J'r: minimizer of |J s|^2 + 2 s'J'r + damping |D s|^2."""
+        """Damped step s (n_params,) from the gradient J'r (n_params,): minimizes |J s|^2 + 2 s'J'r + damping |D s|^2."""
         down = solve_upper(self.triangle, gradient, transposed=True)
         return -solve_upper(self.triangle, down)
 

@@ -134,7 +134,7 @@ def _smooth_best_kind(record: FrfRecord, laplace: ComplexArray, std: float) -> t
 
 
 def _subsets(record: FrfRecord) -> tuple[IntArray, IntArray, IntArray]:
-    """Indices of all lines, of the even lines and of the odd lines; results of the latter show the error of the spacing."""
+    """Indices (n,) of all lines, of the even and of the odd lines; results of the latter show the error of the spacing."""
     every = np.arange(len(record.frequency))
     return every, every[::2], every[1::2]
 

@@ -532,7 +532,7 @@ def _tracked_phase(blocks: ComplexArray) -> FloatArray:
 
 
 def _smoothed(series: ComplexArray) -> ComplexArray:
-    """A series under a Gaussian of 1.5 blocks standard deviation."""
+    """The values `series` (n_blocks,) under a Gaussian with a standard deviation of 1.5 blocks, of the same shape."""
     weights = np.exp(-0.5 * (np.arange(-4, 5) / 1.5) ** 2)
     return np.convolve(np.pad(series, 4, mode="edge"), weights / weights.sum(), mode="valid")
 

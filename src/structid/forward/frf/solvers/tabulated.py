@@ -92,7 +92,7 @@ class TabulatedFrf:
 
     @cached_property
     def _rows(self) -> IntArray:
-        """Property values that are the parameters of the deck, in its order."""
+        """Indices (n,) of the property values that are the parameters of the deck, in its order."""
         row = {item.term.property: item.values.start for item in self.structure.properties}
         return np.array([row[name] for name in self.element.table.at], dtype=np.int64)
 
