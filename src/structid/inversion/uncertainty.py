@@ -213,12 +213,12 @@ class Spread:
 
     @property
     def of_data(self) -> Covariance:
-        """The one that `covariance_basis` names."""
+        """Covariance of the parameters from the data alone: by noise or by model error, as `covariance_basis` says."""
         return self.noise if self.covariance_basis == "noise" else self.model_error
 
     @cached_property
     def uncertainty(self) -> Covariance:
-        """Covariance that counts: the one of `of_data`, with the tolerances of fixed values added."""
+        """Covariance of the parameters that is reported: that from the data, with the tolerances of fixed values added."""
         data = self.of_data
         if self.fixed is None:
             return data
@@ -228,12 +228,12 @@ class Spread:
 
     @property
     def covariance(self) -> FloatArray:
-        """Matrix of `uncertainty`; a matrix-free search gives none."""
+        """Reported covariance as a matrix, (n_params, n_params), physical units; a matrix-free search gives none."""
         return self.uncertainty.matrix
 
     @property
     def covariance_of_data(self) -> FloatArray:
-        """Matrix of `of_data`."""
+        """Covariance from the data alone as a matrix, (n_params, n_params), without the tolerances of fixed values."""
         return self.of_data.matrix
 
     @property

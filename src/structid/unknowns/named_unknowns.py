@@ -105,7 +105,7 @@ class NamedUnknowns:
         return np.concatenate([residual, *(coupling.residual(physical) for coupling in self.couplings)])
 
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """Residual (n_rows,) of `prior_rows` at `physical` (n_params,), and its derivative as a sparse (n_rows, n_params) array."""
+        """Whitened prior and coupling residual (n_rows,), and derivative, sparse (n_rows, n_params), at `physical` (n_params,)."""
         rows, residual, slope = self.priors.entries(physical)
         jacobian = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
         parts = [(residual, jacobian), *(coupling.sparse_rows(physical) for coupling in self.couplings)]

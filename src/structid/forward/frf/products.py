@@ -248,7 +248,7 @@ class WhitenedFrf:
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
-        """Derivative of the weighted residual by the response `h` (n, n_outputs, n_inputs) at some frequency `lines`."""
+        """Derivative of the weighted residual by the model's FRFs `h` (n, n_outputs, n_inputs) at the frequency lines `lines`."""
         if self.form == "output":
             return Whitening((1 / self.deviation[lines]).astype(np.complex128))
         m, weight = self.measured[lines], self._weight[lines]

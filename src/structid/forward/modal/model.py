@@ -227,9 +227,10 @@ class MatrixSlopes:
         return {member: self._weight_slope(*member, values) for member in self._designs}
 
     def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
-        """Derivative of the element weights of contribution `member` in group `number`, (n_elements, n_params).
+        """Derivative of the weights of one contribution's element matrices by the parameters, (n_elements, n_params).
 
-        `values` (n_values,) are the property values. Sparse for large groups.
+        `number` is the index of the group of elements, `member` that of the contribution among those of the structure, `values`
+        (n_values,) are the property values. Sparse for large groups.
         """
         part, rows = self.structure.contributions[member], self.elements[number].rows
         designs = self._designs[number, member]

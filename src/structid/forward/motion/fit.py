@@ -413,7 +413,7 @@ def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | Non
 
 
 def _identifiability(equations: TimeEquations, fit: LinearFit) -> Identifiability:
-    """Rank, condition and undetermined directions of relative parameter change of the linear fit."""
+    """Rank, condition and undetermined directions of relative changes of the parameters, by the linear `fit` of `equations`."""
     unknown = equations.unknown
     values = np.where(np.isfinite(fit.values) & (fit.values != 0), fit.values, unknown.start)
     values = np.where(values != 0, values, 1.0)
