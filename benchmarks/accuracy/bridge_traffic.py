@@ -32,6 +32,8 @@ from structid.prediction.sensing.result import SensedMotion
 from structid.prediction.sensing.sense import sense
 
 RATE = 100.0
+#: Frequency, Hz, below which accelerometers tell less than half of a displacement here.
+SLOW = 0.14
 SPANS, LENGTH = (9, 11, 9), 3.0
 STIFFNESS, MASS, LOSS = 4e10, 9e3, 0.03
 SENSORS = ("3Y", "7Y", "12Y", "17Y", "22Y", "26Y")
@@ -108,6 +110,16 @@ def record_of(accelerations: np.ndarray, rng: np.random.Generator) -> sid.TimeRe
     return sid.TimeRecord(RATE, noisy, SENSORS, ["acceleration"] * len(SENSORS), variance=noise**2)
 
 
+def slow_parts(error: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Of histories (n_times, n): part of the power of the error in its mean, and up to `SLOW` Hz; error over truth up to there."""
+    frequency = np.fft.rfftfreq(len(error), 1 / RATE)
+    weights = np.where(frequency > 0, 2.0, 1.0)[:, None]
+    of_error, of_true = (weights * np.abs(np.fft.rfft(values, axis=0)) ** 2 for values in (error, true))
+    slow = frequency <= SLOW
+    whole, below = of_error.sum(), of_error[slow].sum()
+    return np.array([of_error[0].sum() / whole, below / whole, np.sqrt(below / of_true[slow].sum())])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=5)
@@ -119,6 +131,7 @@ def main() -> None:
     model, n = bridge(), int(chosen.seconds * RATE)
     squares, errors, explained = defaultdict(list), defaultdict(list), 0
     words: dict[str, int] = defaultdict(int)
+    slow: list[np.ndarray] = []
     for seed in range(chosen.seed, chosen.seed + chosen.repeats):
         rng = np.random.default_rng(seed)
         factors = 1 + np.array(STD) * rng.standard_normal(len(STD))
@@ -136,6 +149,8 @@ def main() -> None:
             error, size = (told.values - true[:, wanted])[middle], true[middle][:, wanted].std()
             squares[motion].append((error / told.std[middle]) ** 2)
             errors[motion].append(error.std() / size)
+            if motion == "displacement":
+                slow.append(slow_parts(told.values - true[:, wanted], true[:, wanted]))
             if motion == "acceleration":
                 explained += told.is_explained
                 for sentence in (told.contradiction, *told.words):
@@ -155,8 +170,15 @@ def main() -> None:
             f" (records {each.min():.2f} to {each.max():.2f}), inside the 95 % band {inside:.1f} %,"
             f" error {100 * np.median(errors[motion]):.1f} % of the motion"
         )
-    best = min((np.median(parts), name) for name, parts in errors.items() if name.startswith("expanded"))
-    print(f"accelerations, error of the best open modal expansion: {best[1]}, {100 * best[0]:.1f} %")
+    if slow:
+        of_mean, below, ratio = np.mean(slow, axis=0)
+        print(
+            f"displacements: {100 * of_mean:.0f} % of the power of the error is in its mean, {100 * below:.0f} % up to {SLOW} Hz,"
+            f" where the error is {ratio:.2f} of the motion"
+        )
+    expansions = [(np.median(parts), name) for name, parts in errors.items() if name.startswith("expanded")]
+    for size, name in sorted(expansions)[:1]:
+        print(f"accelerations, error of the best open modal expansion: {name}, {100 * size:.1f} %")
     for sentence, count in words.items():
         if count:
             print(f"{count} times: {sentence}")

@@ -207,13 +207,14 @@ def simulate_record(setup: SensingSetup, fit: Filtered, rng: np.random.Generator
 
     The known forces stay those of the record; noise of the sensors and unknown forces are drawn from `rng`.
     """
-    steady, system, known = fit.steady, fit.steady.system, setup.channels.known
+    steady, system, channels = fit.steady, fit.steady.system, setup.channels
     of_start, of_noise = square_root(steady.predicted + fit.start_covariance), square_root(system.noise)
     first = fit.start + of_start @ rng.standard_normal(of_start.shape[1])
-    drive = rng.standard_normal((len(known) - 1, of_noise.shape[1])) @ of_noise.T
+    drive = rng.standard_normal((len(channels.known) - 1, of_noise.shape[1])) @ of_noise.T
     states = stepped(system.transition, drive + steady.entered, first)
-    read = states @ system.reading.T + known @ system.direct.T + rng.standard_normal(setup.channels.readings.shape)
-    return replace(setup, channels=replace(setup.channels, measured=read * np.sqrt(setup.channels.variance)))
+    noise = rng.standard_normal(channels.readings.shape)
+    read = states @ system.reading.T + channels.known @ system.direct.T + noise
+    return replace(setup, channels=replace(channels, measured=read * np.sqrt(channels.variance)))
 
 
 def _first_covariance(setup: SensingSetup, steady: SteadyFilter) -> FloatArray:
