@@ -177,7 +177,7 @@ def judge_innovations(
 
 @dataclass(frozen=True, eq=False)
 class _Remaining:
-    """What the likeliest model within the uncertainty leaves of innovations.
+    """Innovations without the part that the likeliest model within the uncertainty explains.
 
     Attributes
     ----------
