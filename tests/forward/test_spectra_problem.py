@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+import structid as sid
 from short_record_cases import RATE, chain, record, unknowns
 from structid import InputError, Prior, Search, Status, estimate
 from structid.forward import SpectraProblem, damped_stages
@@ -212,3 +213,17 @@ def test_spectra_problem_refuses_friction_and_silence_on_noise():
         spectra_problem(structure, unknown, clean)
     with pytest.raises(InputError, match="no noise level"):
         spectra_problem(plain, unknowns(plain), replace(clean, variance=None))
+
+
+def test_the_transient_of_a_mode_that_no_sensor_sees_bounds_no_derivative():
+    """Two equal masses on either side of a sensor in their middle: their motion against each other is not seen."""
+    parts = [sid.PointMass("m", [1, 2, 3], 2.0), sid.Dashpot("c", ["1X", "3X"], ["2X", "2X"], viscous_damping=0.7)]
+    parts.append(sid.Spring("k", ["1X", "3X"], ["2X", "2X"], stiffness=1000.0))
+    parts.append(sid.Spring("g", "2X", stiffness=500.0))
+    structure = sid.Structure({1: 0.0, 2: 1.0, 3: 2.0}, parts, active=["X"])
+    unknown = sid.parameters(structure, [sid.Unknown("stiffness", "k", each=True)])
+    values = np.random.default_rng(4).standard_normal((800, 2))
+    history = sid.TimeRecord(40.0, values, ("2X", "2X"), ("force", "acceleration"), variance=np.array([0.0, 0.01]))
+    problem = spectra_problem(structure, unknown, history, band=(0.1, 12.0))
+    jacobian = problem.linearize(problem.theta_start).jacobian[: problem.n_data]
+    np.testing.assert_allclose(jacobian[:, 0], jacobian[:, 1], rtol=1e-6, atol=1e-6 * np.abs(jacobian).max())

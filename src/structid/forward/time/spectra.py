@@ -54,6 +54,8 @@ _OFF_LINE = 1e-4
 _FAR = 10.0
 #: Columns with singular values below this part of the largest count as dependent.
 _DEPENDENT = 1e-10
+#: A force whose motion at the sensors is below this part of what its size allows acts on a mode that no sensor sees.
+_UNSEEN = 1e-10
 #: Normal equations serve where their smallest eigenvalue is above this part of their largest.
 _RESOLVED = 1e-9
 #: An evaluation is kept for its derivative where it takes no more than this; rows of a block of the orthogonalization.
@@ -203,8 +205,15 @@ class Transient:
         return self.spectra.laplace / abs(self.spectra.laplace[-1])
 
     def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
-        """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces)."""
-        return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
+        """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces).
+
+        Exactly 0 of a mode whose nodes are at all sensors: the rounding of such a column would be fitted by a motion without
+        bound, whose derivative has no meaning.
+        """
+        motions: ComplexArray = np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
+        largest = np.linalg.norm(np.linalg.norm(y, axis=1) * read) * np.linalg.norm(self.forces, axis=0)
+        motions[:, :, np.linalg.norm(motions, axis=(0, 1)) < _UNSEEN * largest] = 0.0
+        return motions
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
         """Whitened regressors of all linear unknowns, (n_unknowns, n_frequencies * n_outputs), one in each row.
