@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from chain_cases import STIFFNESS, chain, record
 
+import structid as sid
 from structid import FrfProblem, Prior, Status, identify, parameters
 from structid.diagnose.verdict import judged
 from structid.inversion import LevenbergMarquardt
@@ -85,3 +86,21 @@ def _alone(start, free):
     return FrfProblem(
         structure, parameters(structure, [Unknown("stiffness", f"k:{i}") for i in free]), record(chain(RIGID))
     )
+
+
+def test_a_spring_that_is_not_there_goes_to_zero_and_is_to_be_taken_out():
+    truth = chain(STIFFNESS)
+    drawn = sid.Structure(
+        truth.nodes, [*truth.elements, sid.Spring("foot", "1X", stiffness=1e3)], truth.fixed, active=truth.active
+    )
+    answer = identify(
+        drawn, parameters(drawn, [Unknown("stiffness", "k"), Unknown("stiffness", "foot")]), record(truth)
+    )
+    assert [answer.estimate.names[index] for index in answer.ran_away] == ["stiffness[foot]"]
+    view = sid.results_view(answer)
+    assert view.headline.startswith("Undetermined: stiffness[foot] went to zero (from 1e+03 to")
+    assert (
+        view.next_step
+        == "Take stiffness[foot] out of the model, where the record shows no stiffness, and identify again."
+    )
+    assert sum("stiffness[foot]" in words for words in view.advice) <= 1

@@ -29,6 +29,8 @@ _MOST_PIECES, _MOST_DOFS = 32, 3000
 _MOST_STEPS, _FOLLOWED = 4, 0.2
 #: Farthest shift of a free variable that is followed, in parts of the size of its value.
 _FARTHEST = 2.0
+#: Standard deviations beyond which the size of a shift says nothing more.
+_MOST_TOLD = 100
 #: Chi-square by which the drawn mesh fits a record better than a finer one where that is said: beyond chance.
 BETTER = 10.0
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of a mesh that was not judged.
@@ -160,9 +162,10 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
     shift = np.abs(after.values - before.values[columns]) / np.where(deviation > 0, deviation, np.nan)
     shift = np.nan_to_num(shift)
     farthest = int(shift.argmax())
-    moved = _rounded(float(shift[farthest]))
+    largest = float(shift[farthest])
+    moved = f"up to {_rounded(largest)}" if largest < _MOST_TOLD else f"more than {_MOST_TOLD}"
     words = (
-        f"each element of {join_words(names, 4)} was divided into {count} equal pieces, which moved values by up to {moved}"
+        f"each element of {join_words(names, 4)} was divided into {count} equal pieces, which moved values by {moved}"
         f" standard deviations ({after.names[farthest]}); `subdivide = 1` in [structure] keeps the mesh as drawn"
     )
     if not after.goodness.chi_square_within_tolerances > before.goodness.chi_square_within_tolerances + BETTER:

@@ -130,4 +130,19 @@ def ran_away_words(estimate: Estimate, index: int) -> str:
     """A clause that says which parameter (at `index`) ran away, from where and to where."""
     unit = "" if estimate.units[index] == "1" else f" {estimate.units[index]}"
     moved = f"from {estimate.initial[index]:.3g} to {estimate.values[index]:.3g}{unit}"
+    if is_gone(estimate, index):
+        return f"{estimate.names[index]} went to zero ({moved}): the record shows no stiffness there"
     return f"{estimate.names[index]} ran away ({moved}): not an answer"
+
+
+def ran_away_warning(estimate: Estimate, index: int) -> str:
+    """A warning that a parameter (at `index`) ran away, with the remedy."""
+    remedy = "check what holds it, give it bounds or a prior, or fix it"
+    if is_gone(estimate, index):
+        remedy = "take it out of the model (a hinge, a free end), or give it a prior"
+    return f"{ran_away_words(estimate, index)}; {remedy}"
+
+
+def is_gone(estimate: Estimate, index: int) -> bool:
+    """True for the stiffness of a spring, support or joint, at `index`, that fell to less than a thousandth of its start."""
+    return estimate.names[index].startswith("stiffness[") and estimate.values[index] <= estimate.initial[index] / _FAR
