@@ -205,7 +205,7 @@ def test_a_state_held_by_regularization_says_what_its_tests_are_worth(states, tm
 
 def test_a_state_that_is_not_determined_ends_with_1_and_results(states, tmp_path):
     before, _ = states
-    noisy = replaced("relative = 0.01", "relative = 30.0", COMPARED)
+    noisy = replaced("relative = 0.01", "absolute = 1000.0", COMPARED)
     done = invoke("compare", before, write_chain(tmp_path / "noisy", noisy, weaker(4)), "--out", tmp_path / "out")
     assert done.exit_code == 1
     assert "do not determine every change" in done.stderr

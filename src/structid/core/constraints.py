@@ -167,7 +167,10 @@ def require_band(
         most = "the same or a higher frequency" if is_line_allowed else "a higher frequency"
         raise InputError(f"`{name}` must run from {least} to {most}, got {low:g} to {high:g} Hz", name)
     if high == float("inf") and not is_open_allowed:
-        raise InputError(f"`{name}` must end at a finite frequency, got inf Hz", name)
+        raise InputError(
+            f"`{name}` must end at a finite frequency, got inf Hz; no band takes all lines",
+            name,
+        )
 
 
 def split_commas(text: str) -> tuple[str, ...]:

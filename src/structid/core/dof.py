@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from structid.core.errors import InputError
+from structid.core.errors import InputError, naming
 
 DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 
@@ -110,9 +110,18 @@ def as_dof(text: str) -> Dof | None:
         return None
 
 
-def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
-    """Degrees of freedom named by `texts`, in order; a single text is a list of one."""
-    return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
+def parse_dofs(texts: Iterable[str | Dof], argument: str = "") -> tuple[Dof, ...]:
+    """Degrees of freedom named by `texts`, in order; a single text is a list of one.
+
+    Raises
+    ------
+    InputError
+        If an entry cannot be read; the message begins with the name of the `argument`, where it is given.
+    """
+    with naming(argument):
+        if not isinstance(texts, Iterable):
+            raise InputError(f'a list of degrees of freedom is needed, such as ["1X", "2Y"], got {texts!r}')
+        return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 
 def dofs_of_text(text: str) -> list[Dof]:

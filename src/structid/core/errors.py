@@ -76,6 +76,20 @@ def about(option: str) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def naming(argument: str) -> Iterator[None]:
+    """Context manager that puts the name of an `argument` before the message of an `InputError` raised in its block.
+
+    "" puts none.
+    """
+    try:
+        yield
+    except InputError as error:
+        if not argument:
+            raise
+        raise InputError(f"`{argument}`: {error}", error.option or argument) from error
+
+
 class NoAnswerError(StructidError):
     """All that was given can be used, and the search ends without an answer: exit code 1 of the command line."""
 

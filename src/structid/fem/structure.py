@@ -12,8 +12,8 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked, require_finite
 from structid.core.display import Overview, Shown, join_words, plural
-from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs
-from structid.core.errors import InputError
+from structid.core.dof import DIRECTIONS, Dof, dofs_of_text, parse_dof
+from structid.core.errors import InputError, naming, require_class
 from structid.core.last_results import LastResults
 from structid.fem.blocks import Pattern, pattern
 from structid.fem.component import Component, Reduction, reductions
@@ -62,7 +62,7 @@ class Structure(Shown, StructurePlots):
     elements : sequence of ElementSet
         Element sets, each with a name of its own.
     fixed : sequence of degrees of freedom
-        Degrees of freedom held at zero.
+        Degrees of freedom held at zero: ``"3X"``, or several of a node ``"3 X RZ"``, or the whole node ``"3"``.
     ties : sequence of RigidLink or Constraint
         What makes degrees of freedom depend on others.
     active : sequence of directions, optional
@@ -147,13 +147,14 @@ class Structure(Shown, StructurePlots):
         _require_positions(positions)
         object.__setattr__(self, "nodes", positions)
         object.__setattr__(self, "elements", tuple(elements))
-        object.__setattr__(self, "fixed", parse_dofs(fixed))
         object.__setattr__(self, "ties", tuple(ties))
         across = {d for made in self.elements for d in made.moves}
         usual = tuple(d for d in DIRECTIONS if d in across or d in _ACTIVE[self.dimension])
         directions = usual if active is None else tuple(d.upper() for d in active)
         if not directions or not set(directions) <= set(DIRECTIONS):
             raise InputError(f"`active` must list some of {' '.join(DIRECTIONS)}, got {active}")
+        with naming("fixed"):
+            object.__setattr__(self, "fixed", _fixed_dofs(fixed, directions))
         object.__setattr__(self, "active", directions)
         object.__setattr__(self, "subdivide", subdivide)
         object.__setattr__(self, "bases", tuple(bases))
@@ -611,6 +612,19 @@ def _require_subdivision(structure: Structure) -> None:
         )
 
 
+def _fixed_dofs(fixed: Iterable[str | Dof], directions: Sequence[str]) -> tuple[Dof, ...]:
+    """Degrees of freedom that `fixed` names, as in ``"3X"`` or ``"3 X RZ"``; ``"3"`` is node 3 in all `directions` of motion."""
+    texts = [fixed] if isinstance(fixed, str) else fixed
+    if not isinstance(texts, Iterable):
+        raise InputError(f'a list of degrees of freedom is needed, such as ["1X", "2"], got {fixed!r}')
+    dofs: list[Dof] = []
+    for text in texts:
+        named = dofs_of_text(text) if isinstance(text, str) else [parse_dof(text)]
+        is_node = isinstance(text, str) and text.strip().isdigit()
+        dofs += [dof for dof in named if not is_node or dof.direction in directions]
+    return tuple(dofs)
+
+
 def from_matrices(
     groups: Mapping[str, GroupMatrices],
     dofs: Sequence[str | Dof],
@@ -628,7 +642,7 @@ def from_matrices(
     nodes : mapping of label to position, optional
         Positions for pictures, m; all at the origin by default.
     fixed : sequence of degrees of freedom
-        Degrees of freedom held at zero.
+        Degrees of freedom held at zero: ``"3X"``, or several of a node ``"3 X RZ"``, or the whole node ``"3"``.
 
     Examples
     --------
@@ -637,6 +651,7 @@ def from_matrices(
     >>> chain.n_dofs
     2
     """
+    require_class("groups", groups, Mapping, 'write {"all": {"mass": M, "stiffness": K}}')
     elements = [MatrixGroup(name, dofs, **matrices) for name, matrices in groups.items()]
     labels = {parse_dof(d).node for d in dofs}
     positions = dict.fromkeys(sorted(labels), (0.0, 0.0, 0.0)) if nodes is None else nodes

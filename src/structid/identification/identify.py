@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.display import join_words
 from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, RecordProblem
@@ -24,7 +25,7 @@ from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import search_parameters
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, RecordSetup, prefixes, prepared_warnings, titles
-from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
+from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_warning, unused_damping
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
 from structid.inversion.intervals.intervals import parameter_intervals
@@ -88,7 +89,8 @@ def identify(
     require_class("structure", structure, Structure, _MADE_BY["structure"])
     require_class("unknown", unknown, Parameters, _MADE_BY["parameters"])
     require_class("record", record, FrfRecord, _RECORD_MAKERS)
-    return identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
+    identification = identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
+    return replace(identification, mesh=_undivided_words(structure))
 
 
 def identify_together(
@@ -159,14 +161,13 @@ def identify_together(
     scale_free = None if target is None or measures_force else ratios(target, estimate)
     prior_fraction = shares(target, estimate)
     runaways = ran_away(estimate, problems)
-    remedy = "check what holds it, give it bounds or a prior, or fix it"
     warnings = (
         *(truncation.warning for truncation in truncations if truncation.warning),
         *prepared_warnings(setups, prepared),
         *_fit_warnings(setups, fits),
         *_fit_warnings(setups, modal_fits),
         *(fit.outvoted for fit in modal_fits if fit is not None and len(setups) == 1 and fit.outvoted),
-        *(f"{ran_away_words(estimate, index)}; {remedy}" for index in runaways),
+        *(ran_away_warning(estimate, index) for index in runaways),
         *(() if scale_free is None else (scale_free.words,)),
         *unused_damping(problems, estimate.names, estimate.kinds, estimate.identified),
         *estimate_warnings(estimate),
@@ -212,6 +213,17 @@ def _fit_warnings(setups: Sequence[AnySetup], fits: Sequence[RecordFit | ModalFi
     """
     pairs = [(prefix, fit) for prefix, fit in zip(prefixes(setups), fits, strict=True) if fit is not None]
     return [prefix + words for prefix, fit in pairs for words in fit.warnings]
+
+
+def _undivided_words(structure: Structure) -> str:
+    """A clause on beams and bars that are as the caller drew them, which a study would divide; "" where there are none."""
+    if structure.subdivide > 1 or not structure.divisible:
+        return ""
+    names = join_words([element.name for element in structure.divisible], 4)
+    return (
+        f"the elements of {names} are as drawn, and not judged for their length: `subdivide=4` in `Structure` shows whether"
+        " values move"
+    )
 
 
 def _checked_setups(setups: Iterable[AnySetup], options: IdentifyOptions) -> tuple[AnySetup, ...]:

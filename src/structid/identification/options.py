@@ -100,9 +100,9 @@ class IdentifyOptions:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if a band begins below 0 Hz or goes from a higher to a lower frequency."""
+        """Raise `InputError` if a band begins below 0 Hz, goes from a higher to a lower frequency, or has no end."""
         bands = {"band": [self.band], "evaluation_band": [self.evaluation_band], "exclude": self.exclude}
         for name, pairs in bands.items():
             for pair in pairs:
                 if pair is not None:
-                    require_band(name, pair, is_line_allowed=True)
+                    require_band(name, pair, is_line_allowed=True, is_open_allowed=name == "exclude")

@@ -13,7 +13,7 @@ from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, data_frame, format_number, join_words, names_like, plural
-from structid.core.errors import InputError, MissingNameError
+from structid.core.errors import InputError, MissingNameError, require_class
 from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
 from structid.inversion.diagnostics.identifiability import Identifiability
@@ -599,6 +599,7 @@ def estimate(
     fixed : FixedValues, optional
         The values that the model holds, where they may be wrong by their tolerances.
     """
+    require_class("problem", problem, Problem, "make it by `FrfProblem` and its like; a structure goes to `identify`")
     if moved:
         name = next(iter(moved))
         raise InputError(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import AnyArray, ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.core.display import Overview, Shown, data_array, format_number, join_words, plural
 from structid.core.dof import Dof, parse_dofs, renamed
-from structid.core.errors import InputError, NoLinesError
+from structid.core.errors import InputError, NoLinesError, require_class
 from structid.core.units import FrfKind, Quantity
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ _BESIDE_VALUES = ("variance", "coherence", "relative", "sizes")
 _SEVERAL = 8
 #: Largest coherence that is let pass: what rounding adds to 1.
 COHERENCE_MOST = 1 + 1e-9
+_FRF_MADE_BY = "make it by `read_record`, `FrfRecord` or `frf_from_time`"
 #: SI unit of an FRF with translations and forces only.
 FRF_UNITS: dict[str, str] = {
     "receptance": "m/N",
@@ -159,8 +160,8 @@ class FrfRecord(Shown):
                 " and imaginary parts, with a complex type where all imaginary parts are 0"
             )
         object.__setattr__(self, "values", locked(self.values, np.complex128))
-        object.__setattr__(self, "outputs", parse_dofs(self.outputs))
-        object.__setattr__(self, "inputs", parse_dofs(self.inputs))
+        object.__setattr__(self, "outputs", parse_dofs(self.outputs, "outputs"))
+        object.__setattr__(self, "inputs", parse_dofs(self.inputs, "inputs"))
         if self.kind not in DERIVATIVES:
             raise InputError(f"`kind` must be one of {', '.join(DERIVATIVES)}, got {self.kind!r}")
         require_shape("frequency", self.frequency, (None,))
@@ -392,8 +393,9 @@ def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfR
     Raises
     ------
     InputError
-        If coherence or number of averages is missing, or the number is below 2.
+        If `record` is of another class, coherence or number of averages is missing, or the number is below 2.
     """
+    require_class("record", record, FrfRecord, _FRF_MADE_BY)
     count = averages if averages is not None else record.averages
     if record.coherence is None or count is None:
         raise InputError(
@@ -410,18 +412,25 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
     ----------
     record : FrfRecord
     relative : float
-        Noise as a fraction of each value's magnitude.
+        Noise as a fraction of each value's magnitude, at most 1: 0.01 is 1 %.
     absolute : float
         Noise in the unit of the record.
 
     Raises
     ------
     InputError
-        If a size is no number or negative, or neither is greater than 0.
+        If `record` is of another class, a size is no number or negative, neither is greater than 0, or `relative` is above 1.
     """
+    require_class("record", record, FrfRecord, _FRF_MADE_BY)
     for name, size in (("relative", relative), ("absolute", absolute)):
         if not isinstance(size, Real) or not np.isfinite(float(size)):
             raise InputError(f"`{name}` must be a finite number, got {size!r}; 0.01 is 1 %")
+    if relative > 1:
+        percent = f"{100 * relative:g} %"
+        raise InputError(
+            f"`relative` must be at most 1, which is 100 % of each value, got {relative:g}, which is {percent}; write"
+            f" {relative / 100:g} for {relative:g} %"
+        )
     if relative < 0 or absolute < 0 or relative + absolute == 0:
         raise InputError("declared noise needs `relative` or `absolute` greater than 0, and none negative")
     variance = (relative * np.abs(record.values)) ** 2 + absolute**2
@@ -528,7 +537,7 @@ class TimeRecord(Shown):
     def __post_init__(self) -> None:
         """Convert, lock and check the fields."""
         object.__setattr__(self, "values", locked(self.values, np.float64))
-        object.__setattr__(self, "channels", parse_dofs(self.channels))
+        object.__setattr__(self, "channels", parse_dofs(self.channels, "channels"))
         object.__setattr__(self, "quantities", tuple(self.quantities))
         if np.ndim(self.sampling_rate) != 0:
             raise InputError("`sampling_rate` must be one positive number, got an array; the samples come second")

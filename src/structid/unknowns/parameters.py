@@ -13,11 +13,11 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, format_number, plural
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.inversion.problem import OF_RECORD
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, begun_at
-from structid.unknowns.priors import Coupling, no_priors, priors_of
+from structid.unknowns.priors import Coupling, Prior, no_priors, priors_of
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import ParameterGroup, Unknown, element_sets, label_of, parameter_group, require_distinct
 
@@ -179,6 +179,8 @@ def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> P
         _ = group.limits
     for group in free:
         prior = group.unknown.prior
+        if prior is not None:
+            require_class(f"prior of {group.names[0]}", prior, Prior, "write `Prior(mean, std)`")
         if prior is not None and prior.problem:
             raise InputError(f"prior of {group.names[0]} {prior.problem}")
         if prior is not None and prior.kind == "lognormal" and group.limits[0] < 0:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import join_words
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
@@ -245,6 +245,9 @@ def identify_motion(
     -(B'B)^-1 N p, however many samples there are, and no covariance of the residual shows it. `least_squares_bias`
     predicts it. Motion integrated from noisy acceleration carries a random walk, so that longer records are worse.
     """
+    require_class("structure", structure, Structure, "make it by `Structure(nodes, elements, fixed)`")
+    require_class("unknown", unknown, Parameters, "make it by `parameters(structure, unknowns)`")
+    require_class("record", record, (TimeRecord, Motion), "make it by `read_record` or `TimeRecord`")
     motion = record if isinstance(record, Motion) else recorded_motion(structure, record, rule)
     if isinstance(record, Motion) and rule is not None:
         raise InputError("`rule` belongs to a TimeRecord; complete a Motion with `completed(motion, rule)` first")

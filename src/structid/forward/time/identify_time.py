@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.forward.time.instrumental import identified_by_instruments
 from structid.forward.time.options import TimeOptions
@@ -102,6 +102,9 @@ def identify_time(
     >>> found.status.value, np.abs(found.values - unknown.start).max() < 0.5
     ('converged', np.True_)
     """
+    require_class("structure", structure, Structure, "make it by `Structure(nodes, elements, fixed)`")
+    require_class("unknown", unknown, Parameters, "make it by `parameters(structure, unknowns)`")
+    require_class("record", record, TimeRecord, "make it by `read_record` or `TimeRecord`")
     chosen = options or TimeOptions()
     if chosen.method == "output_error":
         return identified_by_output_error(structure, unknown, record, chosen, work, progress)

@@ -16,7 +16,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, parse_dofs
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.records.quality.findings import Finding, channel_name
 from structid.records.quality.sample_faults import fill_missing, spikes
 from structid.records.quality.signal_checks import lost_samples, signal_checks
@@ -164,6 +164,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     >>> prepare(TimeRecord(100.0, motion, ("1X",), ("velocity",)), Preparation(interval=(None, 30.0))).steps
     ('cut to 0-30 s, 3001 of 4000 samples', 'mean taken off each channel')
     """
+    require_class("record", record, TimeRecord, "make it by `read_record` or `TimeRecord`")
     wanted = preparation or Preparation()
     steps: list[str] = []
     _require_rate(record, wanted)

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.errors import require_class
 from structid.records.quality.findings import Finding, channel_name
 from structid.records.quality.sample_faults import clipped_samples, drop_outs, spikes
 from structid.records.quality.spectral_checks import spectral_checks
@@ -54,6 +55,7 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
     >>> signal_checks(record)[0].words
     'channel 2X+ velocity is 0 at every sample; check sensor and cable, or leave the channel out with `channels`'
     """
+    require_class("record", record, TimeRecord, "make it by `read_record` or `TimeRecord`")
     findings = channel_checks(record)
     silent = {finding.channel for finding in findings if finding.kind in ("constant", "dead")}
     sound = [i for i in range(len(record.channels)) if channel_name(record, i) not in silent]

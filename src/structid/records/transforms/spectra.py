@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof, parse_dofs
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.records.record import DERIVATIVES, FrfKind, FrfRecord, Quantity, TimeRecord, require_shared
 
 Estimator = Literal["H1", "H2", "Hv"]
@@ -95,8 +95,10 @@ def frf_from_time(
     15, 70-73. Rocklin, Crowley and Vold (1985), IMAC 3 (Hv).
     """
     repeats = [records] if isinstance(records, TimeRecord) else list(records)
+    for number, record in enumerate(repeats):
+        require_class(f"records[{number}]", record, TimeRecord, "make it by `read_record` or `TimeRecord`")
     require_alike(repeats, segment_length)
-    loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs), parse_dofs(outputs))
+    loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs, "inputs"), parse_dofs(outputs, "outputs"))
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
     step = segment_step(length, overlap)
     measured = _quantities(repeats[0], sensors, quantity)

@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
+from structid.core.errors import require_class
 from structid.core.json_types import StoredEntry
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
 from structid.diagnose.fixed_value_influence import doubted, resting_words
@@ -23,6 +24,7 @@ from structid.identification.warning_words import (
     MAY_BE_ZERO,
     OTHER_MINIMA,
     estimate_warnings,
+    is_gone,
     unidentified_warnings,
 )
 from structid.inversion import Estimate, Status
@@ -223,11 +225,13 @@ class ResultsView(Shown):
         return tuple(sorted(self.channels, key=lambda channel: -channel.error))
 
     def overview(self) -> Overview:
-        """Verdict, next step and one row a parameter."""
+        """Verdict, next step, words on the mesh where there are any, and one row a parameter."""
         rows = [
             (one.name, with_unit(one.value_text, one.unit_text), one.interval_text, one.state) for one in self.listed
         ]
-        return Overview(f"{self.headline}\n{self.next_step}", ("parameter", "value", "95 % interval", "state"), rows)
+        mesh = self.identification.mesh
+        words = [self.headline, self.next_step, *([as_sentence(mesh)] if mesh else [])]
+        return Overview("\n".join(words), ("parameter", "value", "95 % interval", "state"), rows)
 
 
 def results_view(
@@ -269,6 +273,12 @@ def results_view(
     >>> [(one.name, one.state) for one in view.parameters]
     [('stiffness[spring]', 'determined')]
     """
+    require_class(
+        "identification",
+        identification,
+        Identification,
+        "make it by `identify` or `identify_together`",
+    )
     is_searched = diagnosis is not None and NOT_TRIED not in diagnosis.judgement.reasons
     diagnosis = diagnosis or Diagnosis(judged(identification))
     sentences = _BETWEEN_SENTENCES.split(diagnosis.judgement.words)
@@ -279,7 +289,7 @@ def results_view(
         diagnosis=diagnosis,
         title=title,
         headline=" ".join(sentences[:n_headline]),
-        next_step=_next_step(diagnosis, is_searched, any(_DOUBTFUL in words for words in advice)),
+        next_step=_next_step(identification, diagnosis, is_searched, any(_DOUBTFUL in words for words in advice)),
         advice=advice,
         parameters=_parameters(identification),
         channels=tuple(channel for fit in identification.fits for channel in _channels(fit)),
@@ -289,7 +299,7 @@ def results_view(
     )
 
 
-def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
+def _next_step(identification: Identification, diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -> str:
     """Sentence on the one thing to do next; "" if there is nothing to do.
 
     `is_searched` is True if causes were searched for, `is_any_doubtful` if a sentence of the advice calls a parameter doubtful.
@@ -311,6 +321,10 @@ def _next_step(diagnosis: Diagnosis, is_searched: bool, is_any_doubtful: bool) -
             f"Check the clock or sampling rate and {first_doubt.name} before you use a stiffness; the other values hold with their"
             " intervals."
         )
+    estimate, away = identification.estimate, identification.ran_away
+    if verdict == "undetermined" and away and all(is_gone(estimate, index) for index in away):
+        names = join_words([estimate.names[index] for index in away], 4)
+        return f"Take {names} out of the model, where the record shows no stiffness, and identify again."
     return _NOT_ALL if verdict in ("sound", "approximate") and is_any_doubtful else _NEXT_STEPS[verdict]
 
 
@@ -338,14 +352,16 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
     said = "\n".join(lines)
     lines.extend(as_sentence(words) for words in acts if words not in of_estimate and words not in said)
     flags = zip(estimate.names, estimate.identified, estimate.spread.is_free, strict=True)
-    lost = [name for name, is_identified, is_free in flags if is_free and not is_identified]
+    away = {estimate.names[index] for index in identification.ran_away}
+    lost = [name for name, is_identified, is_free in flags if is_free and not is_identified and name not in away]
     if lost and estimate.uncertainty.has_matrix:
         are = "is" if len(lost) == 1 else "are"
         lines.append(
             f"{join_words(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
         )
     directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
-    lines.extend(as_sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
+    told = {*directions[1:], *(f"the data determine {name} not at all" for name in away)}
+    lines.extend(as_sentence(words) for words in acts if words in of_estimate and words not in told)
     if words := resting_words(diagnosis.sensitivities):
         lines.append(as_sentence(words))
     return tuple(dict.fromkeys(lines))

@@ -374,7 +374,8 @@ def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSo
             return record_kinds.spectral_frf(histories, source.frf)
         if source.time is not None:
             return setups.frfs_of(histories[0])
-        fit = ", or [record.time] to fit them as they are" if source.section.path[0] == "record" else ""
+        is_record = source.section.path[0] == "record"
+        fit = ", or [record.time] with `relative_noise = 0.02` to fit them as they are" if is_record else ""
         raise source.section.error(
             f'the record holds time histories; add [{source.section.joined("frf")}], as in estimator = "H1", segment_length = 2048'
             f"{fit}"

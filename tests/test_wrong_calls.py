@@ -1,0 +1,102 @@
+"""Calls as a newcomer may make them: each error names the argument, what is wrong with it, and the remedy."""
+
+import numpy as np
+import pytest
+
+import structid as sid
+
+BEAM = sid.Beam("beam", [[0, 1]], mass=2.0, bending_stiffness=150.0)
+STRUCTURE = sid.Structure({0: 0.0, 1: 0.3}, [BEAM], fixed=["0"])
+UNKNOWN = sid.parameters(STRUCTURE, [sid.Unknown("mass", "beam")])
+RECORD = sid.FrfRecord(np.arange(1.0, 9), np.full((8, 1, 1), 1j), ["1Y"], ["1Y"], "accelerance")
+MADE_BY = r"make it by `read_record` or `TimeRecord`"
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: sid.with_declared_noise("a.uff", 0.01),
+            r"`record` must be of class FrfRecord, got str; make it by `read_",
+        ),
+        (
+            lambda: sid.with_declared_noise(RECORD, 10),
+            r"`relative` must be at most 1, .* got 10, .* 1000 %; write 0.1 for 10 %",
+        ),
+        (lambda: sid.with_coherence_noise(None, 10), r"`record` must be of class FrfRecord, got NoneType"),
+        (lambda: sid.frf_from_time(np.ones(3)), rf"`records\[0\]` must be of class TimeRecord, got float64; {MADE_BY}"),
+        (lambda: sid.prepare(STRUCTURE), rf"`record` must be of class TimeRecord, got Structure; {MADE_BY}"),
+        (lambda: sid.signal_checks(None), rf"`record` must be of class TimeRecord, got NoneType; {MADE_BY}"),
+        (lambda: sid.identify_time(STRUCTURE, UNKNOWN, RECORD), r"`record` must be of class TimeRecord, got FrfRecord"),
+        (
+            lambda: sid.identify_time(UNKNOWN, STRUCTURE, RECORD),
+            r"`structure` must be of class Structure, got Parameters",
+        ),
+        (
+            lambda: sid.identify_motion(STRUCTURE, UNKNOWN, RECORD),
+            r"`record` must be of class TimeRecord or Motion, got Frf",
+        ),
+        (
+            lambda: sid.identify_motion(STRUCTURE, BEAM, RECORD),
+            r"`unknown` must be of class Parameters, got Beam; make it by",
+        ),
+        (
+            lambda: sid.estimate(STRUCTURE),
+            r"`problem` must be of class Problem, got Structure; .*a structure goes to `identify`",
+        ),
+        (
+            lambda: sid.results_view("results"),
+            r"`identification` must be of class Identification, got str; make it by `identi",
+        ),
+        (
+            lambda: sid.from_matrices(np.eye(2), ["1X"]),
+            r'`groups` must be of class Mapping, got ndarray; write \{"all": \{"mas',
+        ),
+        (
+            lambda: sid.Structure({0: 0.0, 1: 1.0}, [BEAM], fixed=["0Q"]),
+            r"`fixed`: cannot read '0Q' as a degree of freedom; w",
+        ),
+        (
+            lambda: sid.Structure({0: 0.0, 1: 1.0}, [BEAM], fixed=0),
+            r"`fixed`: a list of degrees of freedom is needed, such as",
+        ),
+        (
+            lambda: sid.FrfRecord([1.0], np.full((1, 1, 1), 1j), ["Y1"], ["1Y"], "mobility"),
+            r"`outputs`: cannot read 'Y1' as",
+        ),
+        (
+            lambda: sid.FrfRecord([1.0], np.full((1, 1, 1), 1j), ["1Y"], [5], "mobility"),
+            r"`inputs`: cannot read 5 as a degree",
+        ),
+        (
+            lambda: sid.TimeRecord(9.0, np.ones((4, 1)), ["1"], ["force"]),
+            r"`channels`: cannot read '1' as a degree of freedom",
+        ),
+        (
+            lambda: sid.IdentifyOptions(band=(1.0, np.inf)),
+            r"`band` must end at a finite frequency, got inf Hz; no band takes a",
+        ),
+        (
+            lambda: sid.parameters(STRUCTURE, [sid.Unknown("mass", "beam", prior=5)]),
+            r"`prior of mass\[beam\]` must be of class Prior, got int; write `Prior\(mean, std\)`",
+        ),
+    ],
+)
+def test_an_error_names_argument_condition_and_remedy(call, words):
+    with pytest.raises(sid.InputError, match=words):
+        call()
+
+
+def test_supports_are_named_as_in_a_study():
+    assert [dof.place for dof in STRUCTURE.fixed] == ["0X", "0Y", "0RZ"]
+    several = sid.Structure({0: 0.0, 1: 0.3}, [BEAM], fixed=["0 Y RZ"])
+    assert [dof.place for dof in several.fixed] == ["0Y", "0RZ"]
+
+
+def test_elements_as_drawn_are_said_in_the_summary():
+    grid = sid.FrfRecord(np.linspace(1, 60, 40), np.full((40, 1, 1), 1j), ["1Y"], ["1Y"], "accelerance")
+    record = sid.simulated_record(STRUCTURE, UNKNOWN, grid, 0.01, np.random.default_rng(1))
+    said = "The elements of beam are as drawn, and not judged for their length"
+    assert said in str(sid.identify(STRUCTURE, UNKNOWN, record))
+    finer = sid.Structure({0: 0.0, 1: 0.3}, [BEAM], fixed=["0"], subdivide=2)
+    assert said not in str(sid.identify(finer, sid.parameters(finer, [sid.Unknown("mass", "beam")]), record))
