@@ -69,8 +69,8 @@ def options_text(plan: Plan) -> str:
         f"candidates: {plural(len(options.sensors), 'sensor')}, {plural(len(options.loads), 'load')},"
         f" {plural(len(frequency), 'line')} from"
         f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {_noise_words(plan)};"
-        f" {options.criterion.upper()}-optimal{interest}; standard deviations are predicted at the initial values, relative"
-        " to them"
+        f" {options.criterion.upper()}-optimal{interest}; standard deviations (std) are predicted, relative to the initial"
+        " values"
     )
 
 
@@ -86,8 +86,8 @@ def assumption_lines(plan: Plan) -> list[str]:
     """Lines on the assumptions behind the deviations of the table: tolerances, and a model without damping; [] if neither."""
     lines = (
         [
-            f"std are of noise alone; the last column is the worst with {plan.assumption} as well, which neither more lines"
-            " nor more averages lessen"
+            f"std include noise alone; the last column includes {plan.assumption} too, which more lines and averages do not"
+            " reduce"
         ]
         if plan.assumption
         else []
@@ -96,7 +96,7 @@ def assumption_lines(plan: Plan) -> list[str]:
         return lines
     return [
         *lines,
-        f"these std assume noise of {_noise_words(plan)} and a model without any damping, whose resonances are infinitely high:"
+        f"std assume noise of {_noise_words(plan)} and a model without any damping, whose resonances are infinitely high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]",
     ]
 

@@ -265,11 +265,11 @@ def _noise_levels(
         size, std = np.abs(record.values), np.sqrt(record.variance)
         clear = std < size if (std < size).any() else size > 0
         relative = float(np.median(std[clear] / size[clear]))
-        notes = (f"noise is that of the record in the median, {100 * relative:.2g} %",)
+        notes = (f"the noise is the median of the record, {100 * relative:.2g} %",)
         if not clear.all():
             notes = (
-                f"{notes[0]}, of the {100 * clear.mean():.0f} % of its values that rise above their noise; the others, as at lines"
-                " where nothing drove it, are taken to be as good in the next test: give `band` to plan without them",
+                f"{notes[0]}, over the {100 * clear.mean():.0f} % of its values above their noise; the others are taken to be as"
+                " good in the next test: `band` leaves them out",
             )
     elif model_error > 0:
         relative, notes = 0.0, ("no noise is given beside the model error",)

@@ -28,7 +28,7 @@ export async function show(box, app) {
       h(
         "span",
         {class: "note"},
-        "The file is the one truth: every step of this page reads and writes it. Ctrl-S saves.",
+        "All steps read and write this file. Ctrl-S saves it.",
       ),
     ),
     messages,
