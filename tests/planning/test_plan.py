@@ -455,7 +455,8 @@ def test_noise_of_a_record_is_that_of_the_lines_where_it_has_power(tmp_path):
     study = load_plan(path)
     assert study.options.relative_noise == pytest.approx(0.05)
     assert any(
-        "the noise is the median of the record, 5 %, over the 50 % of its values above their noise" in note for note in study.notes
+        "the noise is the median of the record, 5 %, over the 50 % of its values above their noise" in note
+        for note in study.notes
     )
 
 
