@@ -622,6 +622,8 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
 
     Raises
     ------
+    FileError
+        If the file does not say into how many pieces beams were cut.
     ValueError
         If arrays differ in their number of parameters.
     """

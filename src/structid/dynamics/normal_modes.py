@@ -242,7 +242,7 @@ def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: f
     factor = splu(sparse.csc_matrix(matrix))
 
     def solve(forces: FloatArray) -> FloatArray:
-        """Displacements K^-1 `forces`, for one force vector (n,) or several (n, n_columns), of the shape of `forces`."""
+        """Displacements (B'B + `shift` M)^-1 `forces`, of their shape: one force vector (n,) or several (n, n_columns)."""
         columns = forces.reshape(n, -1)
         right = np.concatenate([np.zeros((n_strains, columns.shape[1])), (-size / scale)[:, None] * columns])
         return np.asarray(size[:, None] * factor.solve(right)[n_strains:]).reshape(forces.shape)

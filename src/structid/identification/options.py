@@ -100,7 +100,7 @@ class IdentifyOptions:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if a band begins below 0 Hz, goes from a higher to a lower frequency, or has no end."""
+        """Raise `InputError` if a band or exclusion begins below 0 Hz or goes from high to low, or a band has no end."""
         bands = {"band": [self.band], "evaluation_band": [self.evaluation_band], "exclude": self.exclude}
         for name, pairs in bands.items():
             for pair in pairs:

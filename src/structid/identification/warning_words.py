@@ -144,5 +144,9 @@ def ran_away_warning(estimate: Estimate, index: int) -> str:
 
 
 def is_gone(estimate: Estimate, index: int) -> bool:
-    """True for the stiffness of a spring, support or joint, at `index`, that fell to less than a thousandth of its start."""
-    return estimate.names[index].startswith("stiffness[") and estimate.values[index] <= estimate.initial[index] / _FAR
+    """True for the stiffness of a spring, support or joint, at `index`, that fell to a thousandth of its start or less.
+
+    Factors of groups of matrices, which have no unit, are none.
+    """
+    is_stiffness = estimate.names[index].startswith("stiffness[") and estimate.units[index]
+    return bool(is_stiffness) and estimate.values[index] <= estimate.initial[index] / _FAR

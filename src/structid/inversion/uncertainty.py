@@ -228,7 +228,7 @@ class Spread:
 
     @property
     def covariance(self) -> FloatArray:
-        """Reported covariance as a matrix, (n_params, n_params), physical units; a matrix-free search gives none."""
+        """Reported covariance as a matrix, (n_params, n_params), physical units; `InputError` after a matrix-free search."""
         return self.uncertainty.matrix
 
     @property

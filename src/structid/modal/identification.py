@@ -128,8 +128,8 @@ def modal_identification(
     Raises
     ------
     InputError
-        If `records` are none, the method does not exist or does not suit them, or a frequency asked for lies above half the
-        sampling rate.
+        If `records` are empty or of another class, the method does not exist or does not suit them, or a frequency asked for lies
+        above half the sampling rate.
     NoModesError
         If no mode can be relied on.
     """

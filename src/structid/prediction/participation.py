@@ -60,7 +60,7 @@ class ModalParticipation:
         Raises
         ------
         InputError
-            If the structure has no modes, or no mass moves along the axis.
+            If the structure has no modes; from the function, if no mass moves along the axis.
         """
         modes_at = followed_modes(structure, parameters, points, NaturalModes(self.n_modes, self.reference))
         plain = replace(structure, damping_ratio=None)

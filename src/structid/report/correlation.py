@@ -44,8 +44,8 @@ Figures = dict[str, plot.Figure]
 def modes_table(correlation: ModesCorrelation) -> Table:
     """Table with a row for each measured mode: its paired model mode, frequency difference, MAC and remark.
 
-    Where the record states errors of shapes, a MAC has its standard deviation and what noise takes from it on the mean.
-    Rows of unpaired modes are marked "lost".
+    Where the record states errors of shapes, a MAC has its standard deviation and, from `_TOLD` on, what noise takes from
+    it on the mean. Rows of unpaired modes are marked "lost".
     """
     rows, f, mac = [], correlation.model.frequency, correlation.mac_of_pairs
     for i, own in enumerate(correlation.measured.frequency.tolist()):

@@ -167,7 +167,7 @@ def _read_elements(content: _Content, numbers: _Numbers) -> None:
 
 
 def _old_nodes(content: _Content, numbers: _Numbers) -> None:
-    """Read the nodes of format 1 or 2 into `content`: labels and positions."""
+    """Read the nodes of format 2 into `content`: labels and positions, in the unit of the file."""
     labels, positions = numbers.old_nodes(int(numbers.counts(1)[0]))
     content.labels.append(labels)
     content.positions.append(positions)

@@ -144,7 +144,10 @@ class FrfProblem(RecordProblem):
 
     @property
     def smoothed(self) -> tuple[tuple[float, FrfRecord], ...]:
-        """Pairs of a level a and the FRFs at s = omega (a + i); () where the model is not known beside the axis."""
+        """Pairs of a level a and the FRFs at s = d + omega (a + i), with d the decay of the record; see `smoothed_records`.
+
+        () where the model is not known beside the axis.
+        """
         return smoothed_records(self.record) if self.structure.has_modes else ()
 
     def with_lines(self, keep: IntArray) -> FrfProblem:

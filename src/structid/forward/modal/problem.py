@@ -217,7 +217,10 @@ class ModalProblem(RecordProblem):
         return self._last.at(theta, linearized)
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
-        """Covariance of the data rows at `theta` (n_params,); independent rows where the record knows no more."""
+        """Law of the noise of the data rows at `theta` (n_params,).
+
+        Rows count as independent in the form ``dynamic``, and where the record does not say how its numbers vary together.
+        """
         if self.settings.form == "dynamic":
             return RowNoise()
         return RowNoise(factor=output_changes(self.data, self.model, self.physical(theta), self.in_order))

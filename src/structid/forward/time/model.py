@@ -429,7 +429,7 @@ class InputHold:
         return isinstance(self.force, Oscillation)
 
     def times(self, n_times: int) -> FloatArray:
-        """Instants (n_times,) in s: the start where it precedes the first sample, then the samples."""
+        """Instants in s of the `n_times` samples, after the start where that precedes the first: (n_times,) or (n_times + 1,)."""
         samples = self.start + self.gap + self.step * np.arange(n_times)
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 

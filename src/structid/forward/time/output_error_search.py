@@ -308,7 +308,7 @@ def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], t
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
     """Starting points (n_params,), free variables, by linear fits to the first 4, 8 and 16 samples.
 
-    None if some motion is not measured.
+    Nothing where some motion is not measured, and none for more samples than the record has.
     """
     for n_samples in _LINEAR_SAMPLES:
         if n_samples > len(record.values):

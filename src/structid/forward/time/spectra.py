@@ -207,8 +207,9 @@ class Transient:
     def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
         """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces).
 
-        Exactly 0 of a mode whose nodes are at all sensors: the rounding of such a column would be fitted by a motion without
-        bound, whose derivative has no meaning.
+        `y` (n_frequencies, n_dofs, n_outputs) is the receptance from degrees of freedom to sensors, and `read` (n_frequencies,
+        n_outputs) turns displacements into the motion that each sensor reads. The motion is exactly 0 of a mode whose nodes are at
+        all sensors: the rounding of such a column would be fitted by a motion without bound, whose derivative has no meaning.
         """
         motions: ComplexArray = np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
         largest = np.linalg.norm(np.linalg.norm(y, axis=1) * read) * np.linalg.norm(self.forces, axis=0)

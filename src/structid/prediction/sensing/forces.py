@@ -117,6 +117,7 @@ class ForceModel:
         """Model of a force of the spectrum of `process`, from low-passes of first order in a row.
 
         It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
+        `NoAnswerError` if the force is so near to a sine that its covariance loses its digits.
         """
         frequency, order = process.frequency, process.order
         inner, entry, output, direct = _aliasing_filter(filtered_rate)

@@ -99,8 +99,9 @@ def judge_innovations(
 
     Of unforced directions what the likeliest model within the uncertainty explains is taken away first, for the record and for each
     replicate: a right model makes large and correlated innovations under forces of a narrow spectrum, such as a sine at a
-    resonance. They contradict the model if what remains is larger by 20 % or, where no direction is open, correlated in time; if
-    it is clearly correlated; or if that model is farther from the identified one than its uncertainty lets it be. Where the record
+    resonance. They contradict the model if what remains is larger by 20 %; if it is correlated in time in
+    directions that are not open; if it is clearly correlated in any; or if that model is farther from the identified one than its
+    uncertainty lets it be. Where the record
     does not state the noise of its sensors (`has_stated_noise` false), only clear correlation does: the rest may be noise. Forced
     directions, and weak correlation in open ones, contradict the model only where all directions are forced, and are a note
     elsewhere. Nothing contradicts it where more independent unknown forces act than sensors measure (`is_distributed`).
@@ -208,7 +209,10 @@ class _Remaining:
 
 
 def _too_far(distances: Sequence[float]) -> str:
-    """Words on a record, the first, that asks for a model farther off, in deviations, than all others do; "" where it does not."""
+    """Words on a record, the first of `distances` (deviations), that asks for a model much farther off than all others do, else "".
+
+    That is more than twice as far as any of them, or as three deviations.
+    """
     ratio = distances[0] / max(*distances[1:], _PLAUSIBLE)
     if ratio > _FARTHER:
         return f"the record asks for a model that is {ratio:.2g} times as far off as any that is plausible"

@@ -205,7 +205,7 @@ def innovations_of(fit: Filtered) -> Innovations:
 def simulate_record(setup: SensingSetup, fit: Filtered, rng: np.random.Generator) -> SensingSetup:
     """A setup whose measured channels are random: a record that the model of `fit` could have given.
 
-    The known forces stay those of the record; noise of the sensors and unknown forces are drawn from `rng`.
+    The known forces stay those of the record; the first state, noise of the sensors and unknown forces are drawn from `rng`.
     """
     steady, system, channels = fit.steady, fit.steady.system, setup.channels
     of_start, of_noise = square_root(steady.predicted + fit.start_covariance), square_root(system.noise)

@@ -123,7 +123,7 @@ class SensingSetup:
     read : OutputMap
         Outputs that are asked for, behind used and left-out sensors among those of the model.
     is_distributed : bool
-        Whether more unknown forces act than sensors are used.
+        Whether more independent unknown forces act than sensors are used.
     """
 
     channels: Channels

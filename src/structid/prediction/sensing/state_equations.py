@@ -42,6 +42,7 @@ class StateEquations:
 def state_equations(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> StateEquations:
     """State equations from sample to sample; states are modal displacements, modal speeds and those of the unknown forces.
 
+    Forces that move the structure alike are combined; each independent combination has its states.
     States are in scaled units. The inputs of `reduced` are the known forces, then the unknown ones, each of which is `process`.
     """
     n, n_known = len(reduced.omega), reduced.inputs.shape[1] - setup.n_forces

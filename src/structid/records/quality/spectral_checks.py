@@ -1,4 +1,4 @@
-"""Checks of the spectra of a record: too few periods, aliasing, lines of the mains, leakage at resonances."""
+"""Checks of the spectra of a record: too few periods, drift, aliasing, lines of the mains, leakage at resonances."""
 
 from __future__ import annotations
 

@@ -426,8 +426,8 @@ class LastSweep:
     ) -> LineDerivatives:
         """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters.
 
-        They are cached by `key`, the bytes of the parameters and coefficients. `sides` are loads and sensors; `forces` and
-        `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at each line.
+        They are cached by `key`, the bytes of the parameters and coefficients, where they take at most `_MOST_BYTES`. `sides` are
+        loads and sensors; `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at each line.
         """
         x = sweep.basis.all_coordinates()
         used, column_of = np.unique(sides.inputs[0], return_inverse=True)
