@@ -1,6 +1,7 @@
 """Parameters that run away: how far a search goes, when an answer is said to have run away, and what is none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from chain_cases import STIFFNESS, chain, record
 import structid as sid
 from structid import FrfProblem, Prior, Status, identify, parameters
 from structid.diagnose.verdict import judged
+from structid.identification.warning_words import is_gone
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.estimate import estimate
 from structid.unknowns import Unknown
@@ -104,3 +106,11 @@ def test_a_spring_that_is_not_there_goes_to_zero_and_is_to_be_taken_out():
         == "Take stiffness[foot] out of the model, where the record shows no stiffness, and identify again."
     )
     assert sum("stiffness[foot]" in words for words in view.advice) <= 1
+
+
+def test_a_factor_of_a_substructure_is_no_spring_that_is_gone():
+    """Matrices of another program have a factor of 1; only a stiffness with a unit is that of a spring, support or joint."""
+    small = SimpleNamespace(
+        names=("stiffness[a]", "stiffness[shell]"), units=("N/m", "1"), values=[1e-9] * 2, initial=[1.0] * 2
+    )
+    assert [is_gone(small, 0), is_gone(small, 1)] == [True, False]

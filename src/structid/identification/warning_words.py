@@ -148,5 +148,5 @@ def is_gone(estimate: Estimate, index: int) -> bool:
 
     Factors of groups of matrices, which have no unit, are none.
     """
-    is_stiffness = estimate.names[index].startswith("stiffness[") and estimate.units[index]
-    return bool(is_stiffness) and estimate.values[index] <= estimate.initial[index] / _FAR
+    is_stiffness = estimate.names[index].startswith("stiffness[") and estimate.units[index] != "1"
+    return is_stiffness and bool(estimate.values[index] <= estimate.initial[index] / _FAR)
