@@ -16,9 +16,10 @@ _LAGS = 50
 _SIGNIFICANT = 3.0
 #: Least relative excess of the size of innovations over that of replicates that counts.
 _LARGER = 0.2
-#: Deviations by which the likeliest model may be off from the identified one, or as far as those of replicates if that is more, and
-#: least ratio of its distance to this that counts.
-_PLAUSIBLE, _FARTHER = 3.0, 2.0
+#: The same for a contradiction where the drawn models differ and errors are correlated in time. Right models that are known within
+#: 1 % make up to 1.2 under forces of a narrow spectrum, which the replicates do not have, with bands that hold; wrong ones whose
+#: bands miss the truth by more than three deviations made 2 or more.
+_CLEARLY_LARGER = 1.5
 #: Least excess of `foretold_part` over that of replicates that counts.
 _FORETOLD = 0.05
 #: The same for directions in which another spectrum of the forces, or more noise, shows too: these make about 0.5, wrong models
@@ -47,8 +48,8 @@ class Innovations:
 
 
 def mean_square(whitened: FloatArray) -> float:
-    """Mean square of whitened innovations (n_times, n): 1 where the model and its noise are right; 0 if n is 0."""
-    return float(np.mean(whitened**2)) if whitened.size else 0.0
+    """Mean square of whitened innovations (n_times, n): 1 where the model and its noise are right."""
+    return float(np.mean(whitened**2))
 
 
 def foretold_part(whitened: FloatArray) -> float:
@@ -56,10 +57,8 @@ def foretold_part(whitened: FloatArray) -> float:
 
     Lags run to `_LAGS` samples, or a quarter of the record if that is less. Where it is small it is about the part of their
     variance that a linear prediction from earlier ones would remove; it may exceed 1. Chance alone makes it n n_lags /
-    n_times; it is 0 if n is 0. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
+    n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
     """
-    if not whitened.size:
-        return 0.0
     rms = np.sqrt(np.mean(whitened**2, axis=0))
     scaled = whitened / np.where(rms > 0, rms, 1.0)
     count, n = scaled.shape
@@ -88,53 +87,40 @@ class InnovationVerdict:
 def judge_innovations(
     record: Innovations,
     replicates: Sequence[Innovations],
-    apart: FloatArray,
     has_stated_noise: bool,
     is_distributed: bool,
+    spread: FloatArray,
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
-    There are two replicates or more, of as many samples and of the same directions. `apart` (n_models, n_times, n) are the
-    innovations of the record under models within the uncertainty less those of the filter; n_models is 0 for an exact model.
+    There are two replicates or more, of as many samples and of the same directions. Unforced directions contradict the model if
+    their innovations are larger by 20 %, or are correlated in time; open ones among them only if they are clearly correlated.
+    Between 1.2 and 2.5 times the size is a doubt in their stead where the uncertainty of the model may make the excess: innovations
+    are correlated in time, as those of a narrow spectrum are, and the excess is less than three deviations of them among models
+    within the uncertainty. Where the record does not state the noise of its sensors (`has_stated_noise` false), only clear
+    correlation contradicts the model: the rest may be noise. Forced directions, and weak correlation in open ones, contradict it
+    only where all directions are forced, and are a note elsewhere. Nothing contradicts it where more independent unknown forces
+    act than sensors measure (`is_distributed`).
 
-    Of unforced directions what the likeliest model within the uncertainty explains is taken away first, for the record and for each
-    replicate: a right model makes large and correlated innovations under forces of a narrow spectrum, such as a sine at a
-    resonance. They contradict the model if what remains is larger by 20 %; if it is correlated in time in
-    directions that are not open; if it is clearly correlated in any; or if that model is farther from the identified one than its
-    uncertainty lets it be. Where the record
-    does not state the noise of its sensors (`has_stated_noise` false), only clear correlation does: the rest may be noise. Forced
-    directions, and weak correlation in open ones, contradict the model only where all directions are forced, and are a note
-    elsewhere. Nothing contradicts it where more independent unknown forces act than sensors measure (`is_distributed`).
+    `spread` (n,) is the root mean square, over samples and models within the uncertainty, of their innovations of the record less
+    those of the filter, in the directions of `record`; 0 where the model is exact.
 
     Mehra and Peschon (1971), Automatica 7, 637-640 (innovations as a test); Rubin (1984), Annals of Statistics 12, 1151-1172
     (replicates within the uncertainty).
     """
     forced, open_alone = record.is_forced, record.is_open & ~record.is_forced
 
-    all_records = [record.whitened, *(item.whitened for item in replicates)]
-
-    def squares(chosen: npt.NDArray[np.bool_]) -> list[float]:
-        return [mean_square(item[:, chosen]) for item in all_records]
-
-    def parts(whitened: Sequence[FloatArray], chosen: npt.NDArray[np.bool_]) -> list[float]:
-        return [foretold_part(item[:, chosen]) for item in whitened]
+    def columns(chosen: npt.NDArray[np.bool_]) -> tuple[FloatArray, list[FloatArray]]:
+        return record.whitened[:, chosen], [item.whitened[:, chosen] for item in replicates]
 
     # each is "" where nothing is found; the first finding is told
-    remaining = [_Remaining.of(item, apart, ~forced) for item in all_records]
-    rests = [item.whitened for item in remaining]
-    clear = _correlated(parts(rests, ~forced), _CLEARLY_FORETOLD)
-    unforced = (
-        _larger([item.size for item in remaining])
-        or _correlated(parts(rests, ~forced & ~open_alone))
-        or clear
-        or _too_far([item.distance for item in remaining])
-    )
-    of_forces = (
-        _larger(squares(forced))
-        or _correlated(parts(all_records, forced))
-        or _correlated(parts(all_records, open_alone))
-    )
-    found = unforced or of_forces
+    clear = _correlated(*columns(~forced), _CLEARLY_FORETOLD)
+    is_lenient = has_stated_noise and _may_be_uncertainty(*columns(~forced), spread[~forced])
+    least = _CLEARLY_LARGER if is_lenient else _LARGER
+    doubt = _larger(*columns(~forced))
+    unforced = _larger(*columns(~forced), least) or _correlated(*columns(~forced & ~open_alone)) or clear
+    of_forces = _larger(*columns(forced)) or _correlated(*columns(forced)) or _correlated(*columns(open_alone))
+    found = unforced or doubt or of_forces
     if is_distributed and found:
         return InnovationVerdict(
             False,
@@ -153,6 +139,13 @@ def judge_innovations(
             True,
             f"the model does not explain the record: {unforced}, in what no choice of these forces explains; the model is wrong,"
             " a force acts where none is named, or the sensors have more noise than stated, and bands may miss the truth",
+        )
+    if doubt:
+        return InnovationVerdict(
+            False,
+            f"{doubt}, in what no choice of these forces explains: a model that is right within its uncertainty does so under"
+            " forces of a narrow spectrum, but it may be wrong, a force may act where none is named, or the sensors may have more"
+            " noise than stated, and bands be too narrow by as much; compare with a sensor that is left out",
         )
     if of_forces and forced.all():
         return InnovationVerdict(
@@ -176,72 +169,48 @@ def judge_innovations(
     return InnovationVerdict(False, "")
 
 
-@dataclass(frozen=True, eq=False)
-class _Remaining:
-    """Innovations without the part that the likeliest model within the uncertainty explains.
+def _larger(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _LARGER) -> str:
+    """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; "" where they are not.
 
-    Attributes
-    ----------
-    whitened : (n_times, n) float array
-    size : float
-        Mean square of them, and of the distance, a value that counts: 1 where models and noise are right, 0 if none counts.
-    distance : float
-        Of that model from the identified one, in deviations.
+    Their root mean square must also exceed the geometric mean of those of replicates by more than the part `least` of it; ""
+    too if n is 0.
     """
-
-    whitened: FloatArray
-    size: float
-    distance: float
-
-    @classmethod
-    def of(cls, whitened: FloatArray, apart: FloatArray, counted: npt.NDArray[np.bool_]) -> _Remaining:
-        """Innovations `whitened` (n_times, n), to which models within the uncertainty add `apart` (n_models, n_times, n).
-
-        Directions that are `counted` (n,) tell the model. The uncertainty is the sample covariance of the models, in which
-        innovations are linear: Evensen (2003), Ocean Dynamics 53, 343-367.
-        """
-        values, effects = whitened[:, counted].ravel(), apart / np.sqrt(max(len(apart), 1))
-        columns = effects[..., counted].reshape(len(apart), values.size)
-        weights = np.linalg.solve(columns @ columns.T + np.eye(len(columns)), columns @ values)
-        square = float(np.sum((values - weights @ columns) ** 2) + weights @ weights)
-        rest = whitened - np.tensordot(weights, effects, axes=1)
-        return cls(rest, square / max(values.size, 1), float(np.sqrt(weights @ weights)))
-
-
-def _too_far(distances: Sequence[float]) -> str:
-    """Words on a record, the first of `distances` (deviations), that asks for a model much farther off than all others do, else "".
-
-    That is more than twice as far as any of them, or as three deviations.
-    """
-    ratio = distances[0] / max(*distances[1:], _PLAUSIBLE)
-    if ratio > _FARTHER:
-        return f"the record asks for a model that is {ratio:.2g} times as far off as any that is plausible"
-    return ""
-
-
-def _larger(squares: Sequence[float]) -> str:
-    """Words on innovations whose mean square, the first, is significantly larger than those of replicates; "" where it is not.
-
-    Its root must also exceed the geometric mean of theirs by 20 %. "" too where it is 0.
-    """
-    square, usual = squares[0], squares[1:]
-    if not square > 0:
+    if not whitened.size:
         return ""
+    square, usual = mean_square(whitened), [mean_square(item) for item in replicates]
     ratio = np.sqrt(square / _geometric_mean(usual))
-    if _is_beyond(square, usual) and ratio > 1 + _LARGER:
+    if _is_beyond(square, usual) and ratio > 1 + least:
         return f"the prediction errors of the sensors are {ratio:.2g} times as large as they should be"
     return ""
 
 
-def _correlated(parts: Sequence[float], least: float = _FORETOLD) -> str:
-    """Words on innovations whose `foretold_part`, the first, is larger than those of replicates, else "".
+def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
+    """Words on whitened innovations (n_times, n) that are more correlated in time than those of replicates, else "".
 
-    `least` is the least excess over the mean of theirs that counts.
+    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0.
     """
-    part, usual = parts[0], parts[1:]
-    if part > 0 and _is_beyond(part, usual) and part - np.mean(usual) > least:
+    if not whitened.size:
+        return ""
+    part, usual = foretold_part(whitened), [foretold_part(item) for item in replicates]
+    if _is_beyond(part, usual) and part - np.mean(usual) > least:
         return "the prediction errors of the sensors are correlated in time, and should be white noise"
     return ""
+
+
+def _may_be_uncertainty(whitened: FloatArray, replicates: Sequence[FloatArray], spread: FloatArray) -> bool:
+    """True if the uncertainty of the model may make whitened innovations (n_times, n) larger than those of replicates.
+
+    They are then no white noise, whose `foretold_part` has the mean n n_lags / n_times and the variance 2 n_lags / n_times^2, and
+    their excess is less than three deviations: those of `spread` (n,).
+    """
+    if not whitened.size:
+        return False
+    count, n = whitened.shape
+    n_lags = _n_lags(count)
+    correlated = foretold_part(whitened) - n * n_lags / count
+    usual = _geometric_mean([mean_square(item) for item in replicates])
+    is_within = mean_square(whitened) - usual < _SIGNIFICANT**2 * np.mean(spread**2)
+    return bool(is_within and correlated > max(_FORETOLD, _SIGNIFICANT * np.sqrt(2 * n_lags) / count))
 
 
 def _n_lags(count: int) -> int:

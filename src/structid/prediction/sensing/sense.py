@@ -24,12 +24,7 @@ from structid.prediction.sensing.force_search import (
 )
 from structid.prediction.sensing.forces import ForceProcess, UnknownForces, combine_forces, count_independent_forces
 from structid.prediction.sensing.innovations import InnovationVerdict, judge_innovations
-from structid.prediction.sensing.kalman_filter import (
-    filter_record,
-    fit_record,
-    innovations_of,
-    simulate_record,
-)
+from structid.prediction.sensing.kalman_filter import filter_record, fit_record, innovations_of, simulate_record
 from structid.prediction.sensing.result import LeftOutSensor, SensedMotion
 from structid.prediction.sensing.setup import Channels, SensingSetup
 from structid.prediction.sensing.smoother import Smoothed, smooth, smoothed_outputs
@@ -243,23 +238,20 @@ def _within_uncertainty(
     """
     fit, rng = fit_record(setup, reduced, process), np.random.default_rng([seed, 1])
     nominal = smooth(setup, fit)
-    spread, steady = np.zeros_like(nominal.mean), fit.steady
-    record = innovations_of(fit)
-    apart: list[FloatArray] = []
+    spread, error, steady = np.zeros_like(nominal.mean), fit.prediction_errors(), fit.steady
+    of_models = np.zeros(len(steady.sizes))
     replicates: list[SensingSetup] = []
     for other in others:
         of_other = fit_record(setup, other, process)
         spread += (smoothed_outputs(setup, of_other)[0] - nominal.mean) ** 2 / len(others)
+        apart = (of_other.prediction_errors() - error) @ steady.whiten
+        of_models += np.mean(apart**2, axis=0) / len(others)
         if len(replicates) < _REPLICATES:
-            apart.append(of_other.prediction_errors() @ steady.whiten - record.whitened)
             replicates.append(simulate_record(setup, of_other, rng))
     replicates += [simulate_record(setup, fit, rng) for _ in range(_REPLICATES - len(replicates))]
+    usual = [innovations_of(filter_record(item, steady)) for item in replicates]
     verdict = judge_innovations(
-        record,
-        [innovations_of(filter_record(item, steady)) for item in replicates],
-        np.reshape(apart, (len(apart), *record.whitened.shape)),
-        setup.channels.has_stated_noise,
-        setup.is_distributed,
+        innovations_of(fit), usual, setup.channels.has_stated_noise, setup.is_distributed, np.sqrt(of_models)
     )
     return nominal, np.sqrt(nominal.variance + spread), verdict
 
