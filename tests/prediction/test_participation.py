@@ -53,6 +53,33 @@ def test_the_deviation_is_that_of_the_parameter():
     assert found.std[:, 2] == pytest.approx(std * np.abs(slope), rel=0.1)
 
 
+def test_close_modes_share_their_mass_and_their_sum_is_told():
+    """Two equal towers across each other, weakly coupled: small changes turn their modes into each other."""
+    n, std = 3, 0.02
+    springs = [
+        sid.Spring(
+            f"storey{axis}",
+            [f"{i}{axis}" for i in range(n)],
+            [f"{i + 1}{axis}" for i in range(n)],
+            stiffness=[1e5] * n,
+            tolerance=0,
+        )
+        for axis in "XY"
+    ]
+    between = sid.Spring("between", ["2X"], ["2Y"], stiffness=[1e-3], tolerance=0)
+    floors = sid.PointMass("floor", list(range(1, n + 1)), 10.0, tolerance=0)
+    nodes = {i: (0.0, 0.0, float(i)) for i in range(n + 1)}
+    structure = sid.Structure(nodes, [*springs, between, floors], ["0X", "0Y"], active=["X", "Y"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", f"storey{axis}:2") for axis in "XY"])
+    model = identified_model(structure, parameters, parameters.start, np.diag((std * parameters.start) ** 2))
+    found = sid.predict(model, sid.ModalParticipation("X", 2 * n), n_draws=50)
+    parts = found.draws[:, :, 2]
+    assert found.std[0, 2] > 0.3  # either of the first two has the mass of both
+    assert parts.sum(axis=1) == pytest.approx(np.ones(50))
+    first = parts[:, :2].sum(axis=1)
+    assert first == pytest.approx(np.full(50, found.values[:2, 2].sum()), abs=0.02)
+
+
 def test_a_change_is_followed_and_directions_without_mass_are_told():
     told = sid.predict_change(tower(), sid.ModalParticipation("X", 3), [sid.AddMass(3, 5.0)], n_draws=50)
     assert told.after.values[:, 1].sum() == pytest.approx(65.0)

@@ -25,6 +25,9 @@ class ModalParticipation:
     mass its square in kg, the third column its part of r' M r, the mass that moves along. Where all of the mass moves with free
     degrees of freedom, parts of all modes add up to 1; mass that stands on the supports is in no mode.
 
+    Close modes share their mass: a small change turns their shapes into each other, so that the mass of each has a wide band, and
+    only the sum over them is told.
+
     Parameters
     ----------
     direction : {"X", "Y", "Z"}

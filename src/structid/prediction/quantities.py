@@ -635,7 +635,8 @@ class NaturalModes:
     """Frequencies and damping ratios of the lowest modes, (n_modes, 2): Hz, then a number.
 
     Modes of a model within the uncertainty are those that are most like the identified ones, so that none is taken for another
-    where two frequencies cross. With a `reference` the modes are those that are most like its own, in its order.
+    where two frequencies cross, and none is taken twice. With a `reference` the modes are those that are most like its own, in its
+    order.
     """
 
     n_modes: int = 10
@@ -682,7 +683,8 @@ def followed_modes(
 ) -> Callable[[FloatArray], Modes]:
     """Function from physical parameters to the modes that are most like those at the first of `points`, or like the reference's.
 
-    `points` are physical parameters (n_params,), the identified ones first. `InputError` if the structure has no modes.
+    `points` are physical parameters (n_params,), the identified ones first. No mode is taken twice. `InputError` if the structure
+    has no modes.
     """
     structure.require_modes("modes")
     n_modes = quantity.n_modes if quantity.reference is None else quantity.n_modes + _MORE_MODES
@@ -694,7 +696,7 @@ def followed_modes(
     def modes_at(physical: FloatArray) -> Modes:
         """Modes of the structure at the physical parameters (n_params,), in the order of the first."""
         found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
-        order = np.abs(first.T @ (mass @ found.mode_shapes)).argmax(axis=1)
+        order = linear_sum_assignment(-((first.T @ (mass @ found.mode_shapes)) ** 2))[1]
         return Modes(
             found.frequency[order], found.damping_ratio[order], found.mode_shapes[:, order], found.rounding[order]
         )
