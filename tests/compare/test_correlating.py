@@ -86,6 +86,21 @@ def test_macs_have_the_deviation_of_repeated_measurements():
     bare = correlated_modes(structure, structure.values, measured(true))
     assert np.isnan(bare.mac_of_pairs.std).all()
     assert modes_table(bare).rows[0][5] == f"{bare.pairing.mac[0, 0]:.3f}"
+    unknown = std.copy()
+    unknown[1, 1] = np.nan
+    half = correlated_modes(structure, structure.values, measured(true, unknown))
+    assert half.mac_of_pairs.value == pytest.approx(found.value)
+    for stated, of_whole in (
+        (half.mac_of_pairs.std, found.std),
+        (half.mac_of_pairs.noise_effect, found.noise_effect),
+    ):
+        assert np.isnan(stated[1])  # no error of an entry is no error of 0
+        assert stated[0] == pytest.approx(of_whole[0], rel=0.15)
+    assert modes_table(half).rows[1][5] == f"{half.pairing.mac[1, 1]:.3f}"
+    seen = true.copy()
+    seen[1, 1] = np.nan
+    missing = correlated_modes(structure, structure.values, measured(seen, unknown))
+    assert np.isfinite(missing.mac_of_pairs.std).all()  # an unknown entry needs no error
 
 
 def test_at_identified_values_the_model_agrees(tmp_path):

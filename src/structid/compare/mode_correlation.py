@@ -146,15 +146,26 @@ class ModesCorrelation:
     def mac_of_pairs(self) -> ShapeQuantity:
         """MAC of each measured mode with its mode of the model, (n_measured,), with its deviation by the errors of the shape.
 
-        NaN without a pair; deviation and effect of noise are NaN too where the record states no errors of shapes.
+        NaN without a pair; deviation and effect of noise are NaN too where the record does not state the errors of the whole shape.
         """
         value, std, by_noise = np.full((3, self.measured.n_modes), np.nan)
         for i in self.pairing.paired.tolist():
             k = [int(self.pairing.number[i])]
             of_model = ModalRecord(self.model.frequency[k], [np.nan], self.seen[:, k], self.measured.channels)
             mac = mac_with_std(self.measured.some_modes([i]), of_model)
-            value[i], std[i], by_noise[i] = mac.value[0, 0], mac.std[0, 0], mac.noise_effect[0, 0]
+            value[i] = mac.value[0, 0]
+            if self._has_stated_errors(i):
+                std[i], by_noise[i] = mac.std[0, 0], mac.noise_effect[0, 0]
         return ShapeQuantity(value, std, by_noise)
+
+    def _has_stated_errors(self, mode: int) -> bool:
+        """True if the record states the error of every known entry of the shape of a measured mode (from 0)."""
+        measured = self.measured
+        if measured.changes is not None:
+            return True
+        if measured.shape_std is None:
+            return False
+        return not np.isnan(measured.shape_std[measured.known[:, mode], mode]).any()
 
     @property
     def n_paired(self) -> int:
