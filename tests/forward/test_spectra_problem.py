@@ -227,3 +227,19 @@ def test_the_transient_of_a_mode_that_no_sensor_sees_bounds_no_derivative():
     problem = spectra_problem(structure, unknown, history, band=(0.1, 12.0))
     jacobian = problem.linearize(problem.theta_start).jacobian[: problem.n_data]
     np.testing.assert_allclose(jacobian[:, 0], jacobian[:, 1], rtol=1e-6, atol=1e-6 * np.abs(jacobian).max())
+
+
+def test_the_transient_of_a_mode_that_no_sensor_sees_bounds_no_derivative_of_a_fine_mesh():
+    """A beam of 400 elements with its sensor in the middle: its halves are equal, and rounding of their motion is 1e-9 of it."""
+    n, middle = 400, 200
+    halves = [
+        sid.Beam(name, [[i, i + 1] for i in line], 50.0, 2e6, loss_factor=0.02)
+        for name, line in (("left", range(middle)), ("right", range(middle, n)))
+    ]
+    structure = sid.Structure({i: i * 10.0 / n for i in range(n + 1)}, halves, ["0Y", f"{n}Y"], active=["Y", "RZ"])
+    unknown = sid.parameters(structure, [sid.Unknown("bending_stiffness", half.name) for half in halves])
+    values, place = np.random.default_rng(4).standard_normal((300, 2)), f"{middle}Y"
+    history = sid.TimeRecord(200.0, values, (place, place), ("force", "acceleration"), variance=np.array([0.0, 0.01]))
+    problem = spectra_problem(structure, unknown, history, band=(1.0, 90.0))
+    jacobian = problem.linearize(problem.theta_start).jacobian[: problem.n_data]
+    np.testing.assert_allclose(jacobian[:, 0], jacobian[:, 1], rtol=1e-5, atol=1e-5 * np.abs(jacobian).max())
