@@ -111,6 +111,21 @@ def test_a_spring_that_is_not_there_goes_to_zero_and_is_to_be_taken_out():
 def test_a_factor_of_a_substructure_is_no_spring_that_is_gone():
     """Matrices of another program have a factor of 1; only a stiffness with a unit is that of a spring, support or joint."""
     small = SimpleNamespace(
-        names=("stiffness[a]", "stiffness[shell]"), units=("N/m", "1"), values=[1e-9] * 2, initial=[1.0] * 2
+        names=("stiffness[a]", "stiffness[shell]"),
+        units=("N/m", "1"),
+        values=[1e-9] * 2,
+        initial=[1.0] * 2,
+        std=[1.0] * 2,
     )
     assert [is_gone(small, 0), is_gone(small, 1)] == [True, False]
+
+
+def test_a_spring_that_is_known_well_after_a_start_far_too_high_is_not_gone():
+    """1201 ± 14 N/m from 3e6, in a model that misses the record by a mass that is 2.5 % too small."""
+    start = chain((900.0, 900.0, 3e6, 900.0))
+    unknown = parameters(start, [Unknown("stiffness", f"k:{i}") for i in range(1, 5)])
+    answer = identify(start, unknown, record(chain((1000.0, 800.0, 1200.0, 900.0), (2.0, 2.0, 2.0, 2.05))))
+    assert answer.estimate.values[2] == pytest.approx(1200.0, abs=3 * answer.estimate.std[2])
+    assert answer.ran_away == (2,)
+    assert not is_gone(answer.estimate, 2)
+    assert answer.warnings[0].startswith("stiffness[k:3] ran away (from 3e+06 to 1.2e+03 N/m): not an answer; check ")

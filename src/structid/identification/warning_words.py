@@ -144,9 +144,11 @@ def ran_away_warning(estimate: Estimate, index: int) -> str:
 
 
 def is_gone(estimate: Estimate, index: int) -> bool:
-    """True for the stiffness of a spring, support or joint, at `index`, that fell to a thousandth of its start or less.
+    """True for the stiffness of a spring, support or joint, at `index`, that fell to a thousandth of its start and is not known.
 
-    Factors of groups of matrices, which have no unit, are none.
+    A value with a deviation smaller than itself is known, and only its start was too high. Factors of groups of matrices, which
+    have no unit, are no springs.
     """
     is_stiffness = estimate.names[index].startswith("stiffness[") and estimate.units[index] != "1"
-    return is_stiffness and bool(estimate.values[index] <= estimate.initial[index] / _FAR)
+    is_known = 0 < estimate.std[index] < estimate.values[index]  # 0 for a value that is held at a bound
+    return is_stiffness and not is_known and bool(estimate.values[index] <= estimate.initial[index] / _FAR)
