@@ -142,7 +142,7 @@ def judge_pieces(
     deviations = np.nan_to_num(deviations)
     moved = float(deviations.max())
     far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
-    shifts = [f"{problem.names[i]} by {deviations[i]:.2g}" for i in far]
+    shifts = [f"{problem.names[i]} by {_told(float(deviations[i]))}" for i in far]
     is_finest = moved >= MOVED and count >= _MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
     return MeshPieces(
@@ -163,7 +163,7 @@ def division_words(drawn: Identification, divided: Identification, count: int) -
     shift = np.nan_to_num(shift)
     farthest = int(shift.argmax())
     largest = float(shift[farthest])
-    moved = f"up to {_rounded(largest)}" if largest < _MOST_TOLD else f"more than {_MOST_TOLD}"
+    moved = _told(largest, "up to ")
     words = (
         f"each element of {join_words(names, 4)} was divided into {count} equal pieces, which moved values by {moved}"
         f" standard deviations ({after.names[farthest]}); `subdivide = 1` in [structure] keeps the mesh as drawn"
@@ -291,6 +291,11 @@ def _followed_shift(
 def _largest(values: FloatArray) -> float:
     """Largest size among `values`; those that are NaN do not count."""
     return float(np.abs(np.nan_to_num(values)).max(initial=0.0))
+
+
+def _told(deviations: float, before: str = "") -> str:
+    """A number of standard deviations with the words `before` it, or that there are more than `_MOST_TOLD`."""
+    return f"{before}{_rounded(deviations)}" if deviations < _MOST_TOLD else f"more than {_MOST_TOLD}"
 
 
 def _rounded(value: float) -> str:
