@@ -216,6 +216,28 @@ def test_halves_tell_of_a_record_that_only_the_drawn_elements_fit(tmp_path, reco
     assert kept.structure.subdivide == 1
 
 
+def test_pieces_that_are_needed_are_tried_where_halves_cannot_be_identified(tmp_path, record, monkeypatch):
+    tried: list[int] = []
+
+    def run(ready, *args):
+        tried.append(ready.setups[0].structure.subdivide)
+        if tried[-1] == 2:
+            raise study_run.SearchFailedError("singular with two pieces")
+        return run_prepared(ready, *args)
+
+    run_prepared = study_run.run_prepared
+    monkeypatch.setattr(study_run, "run_prepared", run)
+    monkeypatch.setattr(
+        study_run, "judge_pieces", lambda *args: replace(judge_pieces(*args), moved=20.0, finer_minimum={"": 0.0})
+    )
+    coarse = cantilever(BENDING, HOLD, 1)
+    simulated = sid.simulated_record(coarse, sid.parameters(coarse, []), record, 0.05, np.random.default_rng(3))
+    kept = run_study(load_study(written(tmp_path, simulated))).identification
+    assert tried == [1, 2, 4]
+    assert " and not divided into 4 pieces (" in kept.mesh
+    assert not any("cannot be identified" in words for words in kept.warnings)
+
+
 def test_two_states_of_a_comparison_have_as_many_pieces(tmp_path, record):
     """The later state alone would be divided into fewer: of its narrow band the mesh moves less."""
     narrow = STUDY.replace("[1.0, 60.0]", "[1.0, 12.0]")

@@ -150,14 +150,17 @@ def _identified_in_halves(
     """The result with elements of two pieces, searched for from the followed minimum and once more, where it tells enough.
 
     It does where the record fits the elements as `drawn` alone: halves have a sixteenth of their error, so that more pieces, which
-    take many times as long, fit no better. None otherwise.
+    take many times as long, fit no better. None otherwise, also where halves cannot be identified.
     """
     if not _is_right(drawn):
         return None
-    study, setups = with_pieces(ready.study, ready.setups, 2)
-    options = replace(study.options, restarts=min(1, study.options.restarts))
-    finer = compare_with_models(replace(study, options=options), setups)
-    halved = run_prepared(finer, progress, work, mesh.finer_minimum)
+    try:
+        study, setups = with_pieces(ready.study, ready.setups, 2)
+        options = replace(study.options, restarts=min(1, study.options.restarts))
+        finer = compare_with_models(replace(study, options=options), setups)
+        halved = run_prepared(finer, progress, work, mesh.finer_minimum)
+    except (InputError, NoAnswerError, SingularModelError):
+        return None
     estimate = halved.identification.estimate
     is_ended = estimate.status is not Status.NOT_CONVERGED
     return halved if is_ended and _fits_only_as_drawn(drawn, estimate.goodness) else None
