@@ -201,16 +201,27 @@ def test_a_record_that_only_the_drawn_elements_fit_keeps_them(tmp_path, record):
 
 
 def test_halves_tell_of_a_record_that_only_the_drawn_elements_fit(tmp_path, record, monkeypatch):
-    """Where very many pieces would be asked for, two of them are enough to see that none fit, and no more are tried."""
+    """Where very many pieces would be asked for, two of them are enough to see that none fit, and no more are tried.
+
+    Their fit alone is looked at, not their intervals.
+    """
     tried: list[int] = []
+    options: list[IdentifyOptions] = []
+    identify_all = study_run.identify_together
+    monkeypatch.setattr(study_run, "identify_together", lambda *args: options.append(args[1]) or identify_all(*args))
     monkeypatch.setattr(
         study_run, "judge_pieces", lambda *args: replace(judge_pieces(*args), moved=1e5, finer_minimum={"": 0.0})
     )
     monkeypatch.setattr(study_run, "with_pieces", lambda *args: tried.append(args[-1]) or with_pieces(*args))
     coarse = cantilever(BENDING, HOLD, 1)
     simulated = sid.simulated_record(coarse, sid.parameters(coarse, []), record, 0.05, np.random.default_rng(3))
-    kept = run_study(load_study(written(tmp_path, simulated))).identification
+    study = load_study(written(tmp_path, simulated))
+    asked = replace(study, options=replace(study.options, intervals="profile", uniqueness_starts=1))
+    kept = run_study(asked).identification
     assert tried == [2]
+    assert [(used.intervals, used.uniqueness_starts, used.restarts) for used in options] == [
+        ("profile", 1, study.options.restarts), ("laplace", 0, study.options.restarts)
+    ]  # fmt: skip
     assert " and not divided into 2 pieces (" in kept.mesh
     assert kept.mesh.endswith("`subdivide = 32` in [structure] divides them")
     assert kept.structure.subdivide == 1
