@@ -453,12 +453,19 @@ def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexAr
 def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
     """Linear unknowns prepared for elimination, from their `columns` (n_unknowns, n_complex), one in each row.
 
-    Normal equations are used if they lose at most half of the digits, else an orthonormal basis in place of the columns.
+    Normal equations are used if they lose at most half of the digits, else an orthonormal basis in place of the columns. Unknowns
+    whose columns are 0 explain nothing and are 0.
 
     References
     ----------
     Demmel, Grigori, Hoemmen and Langou (2012), SIAM J. Sci. Comput. 34, A206-A239 (TSQR).
     """
+    kept = np.flatnonzero(columns.any(axis=1))
+    if len(kept) < len(columns):
+        few = eliminated_columns(columns[kept])
+        solution = np.zeros((len(columns), few.solution.shape[1]))
+        solution[kept] = few.solution
+        return replace(few, solution=solution)
     real = np.ascontiguousarray(columns).view(np.float64)
     n = len(real)
     if n == 0:
