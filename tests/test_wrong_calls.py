@@ -74,7 +74,7 @@ MADE_BY = r"make it by `read_record` or `TimeRecord`"
         ),
         (
             lambda: sid.IdentifyOptions(band=(1.0, np.inf)),
-            r"`band` must end at a finite frequency, got inf Hz; no band takes a",
+            r"`band` must end at a finite frequency, got inf Hz; give the highest that is wanted, .* its last or any above it",
         ),
         (
             lambda: sid.parameters(STRUCTURE, [sid.Unknown("mass", "beam", prior=5)]),

@@ -168,7 +168,8 @@ def require_band(
         raise InputError(f"`{name}` must run from {least} to {most}, got {low:g} to {high:g} Hz", name)
     if high == float("inf") and not is_open_allowed:
         raise InputError(
-            f"`{name}` must end at a finite frequency, got inf Hz; no band takes all lines",
+            f"`{name}` must end at a finite frequency, got inf Hz; give the highest that is wanted, for all lines of a"
+            " record its last or any above it",
             name,
         )
 
