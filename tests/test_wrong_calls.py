@@ -25,6 +25,8 @@ MADE_BY = r"make it by `read_record` or `TimeRecord`"
         ),
         (lambda: sid.with_coherence_noise(None, 10), r"`record` must be of class FrfRecord, got NoneType"),
         (lambda: sid.frf_from_time(np.ones(3)), rf"`records\[0\]` must be of class TimeRecord, got float64; {MADE_BY}"),
+        (lambda: sid.frf_from_time(RECORD), rf"`records` must be of class TimeRecord, got FrfRecord; {MADE_BY}"),
+        (lambda: sid.frf_from_time(None), rf"`records` must be of class TimeRecord, got NoneType; {MADE_BY}"),
         (lambda: sid.prepare(STRUCTURE), rf"`record` must be of class TimeRecord, got Structure; {MADE_BY}"),
         (lambda: sid.signal_checks(None), rf"`record` must be of class TimeRecord, got NoneType; {MADE_BY}"),
         (lambda: sid.identify_time(STRUCTURE, UNKNOWN, RECORD), r"`record` must be of class TimeRecord, got FrfRecord"),

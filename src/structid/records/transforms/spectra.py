@@ -16,6 +16,7 @@ Estimator = Literal["H1", "H2", "Hv"]
 Detrend = Literal["constant", "linear", "none"]
 #: As `scipy.signal.get_window` takes it: a name, or a name and its numbers.
 Window = str | tuple[str | float | None, ...]
+_MADE_BY = "make it by `read_record` or `TimeRecord`"
 #: Kind of the FRFs of motions, by quantity.
 KINDS: dict[str, FrfKind] = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 #: Largest condition number of the input spectra (each input scaled to 1) that counts as separable.
@@ -94,9 +95,11 @@ def frf_from_time(
     Bendat and Piersol (2010), Random Data, 4th ed., chapters 7 and 9. Welch (1967), IEEE Trans. Audio Electroacoust.
     15, 70-73. Rocklin, Crowley and Vold (1985), IMAC 3 (Hv).
     """
+    if not isinstance(records, Iterable):
+        require_class("records", records, TimeRecord, _MADE_BY)
     repeats = [records] if isinstance(records, TimeRecord) else list(records)
     for number, record in enumerate(repeats):
-        require_class(f"records[{number}]", record, TimeRecord, "make it by `read_record` or `TimeRecord`")
+        require_class(f"records[{number}]", record, TimeRecord, _MADE_BY)
     require_alike(repeats, segment_length)
     loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs, "inputs"), parse_dofs(outputs, "outputs"))
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
