@@ -21,7 +21,7 @@ MADE_BY = r"make it by `read_record` or `TimeRecord`"
         ),
         (
             lambda: sid.with_declared_noise(RECORD, 10),
-            r"`relative` must be at most 1, .* got 10, .* 1000 %; write 0.1 for 10 %",
+            r"`relative` must be at most 1, .* got 10, .* 1000 %; write 0.1 for 10 %, .* above 100 % as `absolute`",
         ),
         (lambda: sid.with_coherence_noise(None, 10), r"`record` must be of class FrfRecord, got NoneType"),
         (lambda: sid.frf_from_time(np.ones(3)), rf"`records\[0\]` must be of class TimeRecord, got float64; {MADE_BY}"),

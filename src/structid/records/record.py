@@ -429,7 +429,7 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
         percent = f"{100 * relative:g} %"
         raise InputError(
             f"`relative` must be at most 1, which is 100 % of each value, got {relative:g}, which is {percent}; write"
-            f" {relative / 100:g} for {relative:g} %"
+            f" {relative / 100:g} for {relative:g} %, and state noise above 100 % as `absolute`, in the unit of the record"
         )
     if relative < 0 or absolute < 0 or relative + absolute == 0:
         raise InputError("declared noise needs `relative` or `absolute` greater than 0, and none negative")
