@@ -98,6 +98,14 @@ def test_slopes_are_differences_of_the_matrix(structure):
         assert part.slope(values, number) == pytest.approx(difference, abs=1e-6 * largest / max(abs(values[index]), 1))
 
 
+def test_slopes_that_are_kept_cannot_be_changed():
+    structure = beam()
+    factor = structure.contributions[-1].scale
+    kept = factor.slope(structure.values, 0)
+    with pytest.raises(ValueError, match="read-only"):
+        kept[0] = 1.0
+
+
 def test_rigid_bodies_and_massless_motions_are_not_damped():
     free = Structure(LINE, [Beam("beam", PAIRS, 2.0, 1e3)], active=["Y", "RZ"], damping_ratio=0.1)
     damping = damping_of(free)

@@ -129,7 +129,7 @@ class ModalDamping(Factor):
         if len(self.rows) * len(self._values) > _MOST_KEPT:
             return self.change(values, self._alone([number])).toarray()[:, 0]
         every = self._alone(range(len(self._values)))
-        table = self._last_slopes.get_or_make(values.tobytes(), lambda: self.change(values, every).toarray().T)
+        table = self._last_slopes.get_or_make(values.tobytes(), lambda: locked(self.change(values, every).toarray().T))
         return np.asarray(table[number])
 
     def _alone(self, numbers: Sequence[int]) -> sparse.csr_array:
