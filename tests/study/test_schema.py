@@ -154,6 +154,31 @@ def test_the_document_has_every_key_somewhere():
     assert missing == set()
 
 
+def refused(table: Table, given: dict[str, object], path: str = "") -> Iterator[str]:
+    """Keys of `given` that `table`, or a table inside it, does not have or whose values it does not take; by their path."""
+    for name, value in given.items():
+        key, place = table.keys.get(name), f"{path}.{name}".strip(".")
+        if key is None:
+            if table.labels is None or not name.isdigit() or not table.labels.accepts(value):
+                yield place
+        elif not isinstance(key.holds, Table):
+            if not key.holds.accepts(value):
+                yield place
+        elif key.holds.short is None or not key.holds.short.accepts(value):
+            for one in value if isinstance(value, list) else [value]:
+                yield from refused(key.holds, one, place)
+
+
+@pytest.mark.parametrize("example", re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL))
+def test_every_example_of_the_document_is_taken(example):
+    assert list(refused(study_table(), tomllib.loads(example))) == []
+
+
+def test_a_wrong_word_in_an_example_is_seen():
+    given = tomllib.loads('record.csv.separator = ";"\nplan.noise.part = 1\nstructure.nodes.one = 0.0')
+    assert list(refused(study_table(), given)) == ["record.csv.separator", "plan.noise.part", "structure.nodes.one"]
+
+
 def row(name: str) -> str:
     """The row of an element type in the document, from its declaration."""
     kind = ELEMENT_TYPES[name]
