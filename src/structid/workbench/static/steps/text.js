@@ -21,16 +21,7 @@ export async function show(box, app) {
   fill(
     box,
     h("h1", {}, study),
-    h(
-      "div",
-      {class: "row"},
-      save,
-      h(
-        "span",
-        {class: "note"},
-        "All steps read and write this file. Ctrl-S saves it.",
-      ),
-    ),
+    h("div", {class: "row"}, save, h("span", {class: "note"}, "All steps read and write this file. Ctrl-S saves it.")),
     messages,
     h("div", {class: "editor"}, numbers, area),
   );

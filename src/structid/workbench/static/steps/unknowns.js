@@ -393,7 +393,11 @@ function planning(place, app) {
   fill(
     place,
     h("h2", {}, "Best sensors"),
-    h("p", {class: "note"}, "The sensor positions that determine these unknowns best, chosen before any test (docs/plan.md)."),
+    h(
+      "p",
+      {class: "note"},
+      "The sensor positions that determine these unknowns best, chosen before any test (docs/plan.md).",
+    ),
     h("div", {class: "row end"}, field("Sensors", count, "short"), button),
     result,
   );
