@@ -559,6 +559,7 @@ def test_parameters_that_no_candidate_tells_apart_exit_1_with_results(tmp_path):
         ("n_lines = 60", "lines = 60", "[plan] lines: unknown key; the nearest is"),
         ("n_lines = 60", "frequency = [1.0, 2.0]", "[plan]: gives lines both by"),
         ("band = [0.5, 12.0]\nn_lines", "band = [0.0, 12.0]\nspacing = \"log\"\nn_lines", "[plan] band: must begin above 0 Hz"),
+        ("relative = 0.01", "relative = 2", "[plan.noise] relative: must be a number of at least 0 and at most 1"),
         ("absolute = 0.001", "absolute = -1.0", "[plan.noise] absolute: must be a number of at least 0"),
         ("relative = 0.01\nabsolute = 0.001", "relative = 0.0", "[plan.noise]: needs `relative` or `absolute`"),
         ("n_lines = 60", 'n_lines = 60\nof_interest = "mas"', "which is no parameter"),

@@ -75,6 +75,7 @@ def test_the_command_shows_and_writes_it(tmp_path):
         ("each = true", "each = 1.5"),
         ("each = true", "prior = {mean = 1.0, std = 0.0}"),
         ("relative = 0.01", "relative = -1"),
+        ("relative = 0.01", "relative = 10"),
         ("band = [0.5, 12.0]", 'residual = "logs"'),
         ("band = [0.5, 12.0]", "band = [12.0]"),
         ("band = [0.5, 12.0]", "reduced = 1"),

@@ -80,6 +80,15 @@ WRONG = [
     ('path = "frf.npz"', 'path = "frf.npz"\nchannels_used = ["1"]', "channels_used", ["degree of freedom"]),
     ("relative = 0.01", "relativ = 0.01", "relativ", ["[record.noise] relativ", "`relative`"]),
     ("relative = 0.01", "relative = -1", "relative", ["at least 0"]),
+    (
+        "relative = 0.01",
+        "relative = 10",
+        "relative",
+        [
+            "[record.noise] relative",
+            "at most 1, as in 0.01 for 1 %, got 10; noise above 100 % of each value is given by `abs",
+        ],
+    ),
     ("relative = 0.01", "relative = 0", "[record.noise]", ["greater than 0", "from_coherence"]),
     ("relative = 0.01", "relative = 0.1\nfrom_coherence = true", "[record.noise]", ["keep one of them"]),
     ("[method]", "[record.frf]\noverlap = 1.5\n[method]", "overlap", ["[record.frf] overlap", "less than 1"]),

@@ -245,6 +245,7 @@ CHANNEL_NAMES = Kind(
 
 _PART: Schema = {"type": "number", "minimum": 0, "maximum": 1}
 PART = Kind("a number of at least 0 and at most 1, as in 0.01 for 1 %", _PART)
+NOISE_PART = replace(PART, remedy="noise above 100 % of each value is given by `absolute`")
 TOLERANCE = Kind(
     "a part from 0 to 1, as in 0.02 for 2 %, or a table of them, as in { mass = 0.02 }",
     {"anyOf": [_PART, {"type": "object", "minProperties": 1, "additionalProperties": _PART}]},

@@ -22,7 +22,7 @@ from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.planning.plan import plan, resolve_options
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
-from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
+from structid.study.schema.kinds import COUNT, NOISE_PART, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
@@ -47,7 +47,7 @@ _LOADS = ("loads", "installed_loads")
 class PlanNoise:
     """``[plan.noise]``, of the record that is to come, added in quadrature."""
 
-    relative: Annotated[NotNegative, "A part of each value's magnitude"] = 0.0
+    relative: Annotated[float, NOISE_PART, "A part of each value's magnitude"] = 0.0
     absolute: Annotated[NotNegative, "In the SI unit of `kind`"] = 0.0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from structid.records.formats import CsvLayout, ReadOptions, how_read, read_reco
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.record import LOADS, Quantity, as_recorded, rename_channels, segment_duration
 from structid.study.schema import records as record_kinds
-from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
+from structid.study.schema.kinds import CHANNEL_NAMES, NOISE_PART, PART, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.sensors import SENSORS, used_names
 from structid.study.schema.section import InputFiles, Section
 from structid.study.schema.tables import Key, Table, deferred, kind_of_argument, table_of
@@ -40,7 +41,7 @@ class NoiseSource:
         Number of averages behind the coherence, where the record does not say.
     """
 
-    relative: NotNegative = 0.0
+    relative: Annotated[float, NOISE_PART] = 0.0
     absolute: NotNegative = 0.0
     from_coherence: bool = False
     averages: Count | None = None
