@@ -239,8 +239,9 @@ def _require_quantities(quantities: Sequence[object]) -> None:
     for quantity in quantities:
         if isinstance(quantity, type) or not hasattr(quantity, "evaluator"):
             raise InputError(
-                "`quantity` must be an Frf, History, Maxima, Spectrum, RootMeanSquare, Extremes or NaturalModes, got"
-                f" {quantity!r}; for a sensor give its FRFs, such as Frf(['3Y'], ['8Y'], frequency), or its History under loads"
+                "`quantity` must be an Frf, History, Maxima, Spectrum, RootMeanSquare, Extremes, NaturalModes or"
+                f" ModalParticipation, got {quantity!r}; for a sensor give its FRFs, such as Frf(['3Y'], ['8Y'], frequency), or"
+                " its History under loads"
             )
 
 
