@@ -55,6 +55,36 @@ MADE_BY = r"make it by `read_record` or `TimeRecord`"
             r'`groups` must be of class Mapping, got ndarray; write \{"all": \{"mas',
         ),
         (
+            lambda: sid.from_matrices({"all": np.eye(2)}, ["1X", "2X"]),
+            r"`groups\['all'\]` must be of class Mapping, got ndarray; write \{\"mass\": M, \"stiffness\": K\}",
+        ),
+        (
+            lambda: sid.from_matrices({"all": {"mas": np.eye(2)}}, ["1X", "2X"]),
+            r"`groups\['all'\]` must have no keys but mass, stiffness, damping, loss_factor, got 'mas'; rename it",
+        ),
+        (
+            lambda: sid.load_study(None),
+            r"`path` must be of class str or PathLike, got NoneType; give the path of a study",
+        ),
+        (lambda: sid.load_study(5), r"`path` must be of class str or PathLike, got int; give the path of a study file"),
+        (
+            lambda: sid.parameters(None, [sid.Unknown("mass", "beam")]),
+            r"`structure` must be of class Structure, got NoneType; make it by `Structure\(nodes, elements, fixed\)`",
+        ),
+        (
+            lambda: sid.parameters(STRUCTURE, None),
+            r"`unknowns` must be of class Unknown or Iterable, got NoneType; write \[Unknown\(",
+        ),
+        (
+            lambda: sid.simulated_record(STRUCTURE, UNKNOWN, None, 0.01, np.random.default_rng(1)),
+            r"`like` must be of class FrfRecord, got NoneType; make it by `FrfRecord`, with any values at its lines",
+        ),
+        (lambda: sid.simulated_record(None, UNKNOWN, RECORD), r"`structure` must be of class Structure, got NoneType"),
+        (
+            lambda: sid.simulated_time_record(STRUCTURE, UNKNOWN, RECORD),
+            r"`like` must be of class TimeRecord, got FrfRecord; make it by `TimeRecord`",
+        ),
+        (
             lambda: sid.Structure({0: 0.0, 1: 1.0}, [BEAM], fixed=["0Q"]),
             r"`fixed`: cannot read '0Q' as a degree of freedom; w",
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -644,6 +645,11 @@ def from_matrices(
     fixed : sequence of degrees of freedom
         Degrees of freedom held at zero: ``"3X"``, or several of a node ``"3 X RZ"``, or the whole node ``"3"``.
 
+    Raises
+    ------
+    InputError
+        If a group is no mapping, has another key, or its matrices have another size.
+
     Examples
     --------
     >>> import numpy as np
@@ -652,6 +658,14 @@ def from_matrices(
     2
     """
     require_class("groups", groups, Mapping, 'write {"all": {"mass": M, "stiffness": K}}')
+    known = get_type_hints(GroupMatrices)
+    for name, matrices in groups.items():
+        require_class(f"groups[{name!r}]", matrices, Mapping, 'write {"mass": M, "stiffness": K}')
+        wrong = [key for key in matrices if key not in known]
+        if wrong:
+            raise InputError(
+                f"`groups[{name!r}]` must have no keys but {', '.join(known)}, got {wrong[0]!r}; rename it"
+            )
     elements = [MatrixGroup(name, dofs, **matrices) for name, matrices in groups.items()]
     labels = {parse_dof(d).node for d in dofs}
     positions = dict.fromkeys(sorted(labels), (0.0, 0.0, 0.0)) if nodes is None else nodes

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.core.errors import InputError
+from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.forward.frf.response import response
 from structid.forward.time.options import TimeOptions
@@ -46,14 +46,18 @@ def simulated_record(
     Raises
     ------
     InputError
-        If noise is asked for without `rng`.
+        If an argument is of another class, or noise is asked for without `rng`.
     """
+    _require_parts(structure, unknown)
+    require_class("like", like, FrfRecord, "make it by `FrfRecord`, with any values at its lines, sensors and loads")
     record = replace(like, variance=None, coherence=None, averages=None, source="simulated")
     record = replace(record, values=response(structure, unknown, record).values_at(unknown.start))
     if relative_noise == 0:
         return record
     if rng is None:
-        raise InputError("`rng` must be a numpy Generator where noise is asked for, got None")
+        raise InputError(
+            "`rng` must be a numpy Generator where noise is asked for, got None; np.random.default_rng(1) is one"
+        )
     size = relative_noise * np.abs(record.values)
     noise = rng.standard_normal(size.shape) + 1j * rng.standard_normal(size.shape)
     return replace(record, values=record.values + size * noise / np.sqrt(2), variance=size**2, noise_source="declared")
@@ -88,6 +92,8 @@ def simulated_time_record(
     InputError
         As `identify_time`, and if noise is asked for without a variance.
     """
+    _require_parts(structure, unknown)
+    require_class("like", like, TimeRecord, "make it by `TimeRecord`, with its forces and any motion")
     chosen = replace(options or TimeOptions(), quantities=("displacement", "velocity", "acceleration"))
     model = time_model(structure, unknown, like, chosen)
     moved = [i for i, q in enumerate(like.quantities) if q not in LOADS]
@@ -99,3 +105,9 @@ def simulated_time_record(
     if rng is not None:
         values += np.sqrt(declared_variance(like)) * rng.standard_normal(values.shape)
     return replace(like, values=values, source="simulated")
+
+
+def _require_parts(structure: object, unknown: object) -> None:
+    """Raise `InputError` unless these are a `Structure` and its `Parameters`."""
+    require_class("structure", structure, Structure, "make it by `Structure(nodes, elements, fixed)`")
+    require_class("unknown", unknown, Parameters, "make it by `parameters(structure, unknowns)`")

@@ -167,6 +167,8 @@ def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> P
     >>> parameters(cantilever, [Unknown("mass", "beam", each=True)]).names
     ('mass[beam:1]', 'mass[beam:2]')
     """
+    require_class("structure", structure, Structure, "make it by `Structure(nodes, elements, fixed)`")
+    require_class("unknowns", unknowns, (Unknown, Iterable), 'write [Unknown("stiffness", "springs")]')
     unknowns = (unknowns,) if isinstance(unknowns, Unknown) else tuple(unknowns)
     for unknown in unknowns:
         if not isinstance(unknown, Unknown):

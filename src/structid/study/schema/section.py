@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -12,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from structid.core.errors import FileError, InputError, StudyError
+from structid.core.errors import FileError, InputError, StudyError, require_class
 from structid.core.json_types import JsonValue
 from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
@@ -330,6 +331,7 @@ def read_study_text(path: str | Path) -> StudyText:
     InputError
         If there is no such file, it is too large, not UTF-8 text, or not TOML; with the line.
     """
+    require_class("path", path, (str, os.PathLike), "give the path of a study file")
     path = require_readable(path)
     if path.stat().st_size > MOST_STUDY_BYTES:
         raise StudyError(
