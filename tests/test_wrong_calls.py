@@ -93,6 +93,18 @@ MADE_BY = r"make it by `read_record` or `TimeRecord`"
             r"`fixed`: a list of degrees of freedom is needed, such as",
         ),
         (
+            lambda: sid.Structure({0: 0.0, 1: 1.0}, [BEAM], fixed={"0": "Y"}),
+            r"`fixed`: a list of degrees of freedom is needed, such as \[\"1X\", \"2\"\], got \{'0': 'Y'\}",
+        ),
+        (
+            lambda: sid.Structure({0: 0.0, 1: 1.0}, [BEAM], fixed=[0]),
+            r"`fixed`: cannot read 0 as .*, as in 12Z\+ or 3RX-, or a whole node, as in \"12\"",
+        ),
+        (
+            lambda: sid.Structure({0: 0.0, 1: 1.0}, [BEAM], fixed=["0 Y Q"]),
+            r"`fixed`: cannot read '0 Y Q' as .*, as in 12Z\+ or 3RX-, or a whole node, as in \"12\"",
+        ),
+        (
             lambda: sid.FrfRecord([1.0], np.full((1, 1, 1), 1j), ["Y1"], ["1Y"], "mobility"),
             r"`outputs`: cannot read 'Y1' as",
         ),

@@ -85,6 +85,11 @@ def parse_dof(text: str | Dof) -> Dof:
     >>> str(parse_dof("12:-Z")), str(parse_dof("12.04"))
     ('12Z-', '12RX+')
     """
+    return _parsed(text)
+
+
+def _parsed(text: str | Dof, also: str = "") -> Dof:
+    """The degree of freedom named by `text`, see `parse_dof`; `also` tells what else may stand there, at the end of the error."""
     if isinstance(text, Dof):
         return text
     word = _WORD.match(text) if isinstance(text, str) else None
@@ -98,7 +103,7 @@ def parse_dof(text: str | Dof) -> Dof:
         direction = DIRECTIONS[int(number["component"]) - 1]
         return Dof(int(number["node"]), direction, -1 if number["after"] == "-" else 1)
     raise InputError(
-        f"cannot read {text!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-"
+        f"cannot read {text!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-{also}"
     )
 
 
@@ -124,7 +129,7 @@ def parse_dofs(texts: Iterable[str | Dof], argument: str = "") -> tuple[Dof, ...
         return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 
-def dofs_of_text(text: str) -> list[Dof]:
+def dofs_of_text(text: str | Dof) -> list[Dof]:
     """Degrees of freedom that a text names: ``1X-`` is one, ``1 X RZ`` two of node 1, and ``1`` all six of node 1.
 
     Raises
@@ -132,11 +137,14 @@ def dofs_of_text(text: str) -> list[Dof]:
     InputError
         If it is none of these forms.
     """
-    several = _SEVERAL.match(text)
-    words = [several[1] + direction for direction in several[2].split()] if several else [text]
-    if text.strip().isdigit():
-        words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
-    return [parse_dof(word) for word in words]
+    words: list[str | Dof] = [text]
+    if isinstance(text, str):
+        several = _SEVERAL.match(text)
+        if several:
+            words = [several[1] + direction for direction in several[2].split()]
+        elif text.strip().isdigit():
+            words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
+    return [_parsed(word, ', or a whole node, as in "12"') for word in words]
 
 
 def renamed(

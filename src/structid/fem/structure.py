@@ -616,11 +616,11 @@ def _require_subdivision(structure: Structure) -> None:
 def _fixed_dofs(fixed: Iterable[str | Dof], directions: Sequence[str]) -> tuple[Dof, ...]:
     """Degrees of freedom that `fixed` names, as in ``"3X"`` or ``"3 X RZ"``; ``"3"`` is node 3 in all `directions` of motion."""
     texts = [fixed] if isinstance(fixed, str) else fixed
-    if not isinstance(texts, Iterable):
+    if not isinstance(texts, Iterable) or isinstance(texts, Mapping):
         raise InputError(f'a list of degrees of freedom is needed, such as ["1X", "2"], got {fixed!r}')
     dofs: list[Dof] = []
     for text in texts:
-        named = dofs_of_text(text) if isinstance(text, str) else [parse_dof(text)]
+        named = dofs_of_text(text)
         is_node = isinstance(text, str) and text.strip().isdigit()
         dofs += [dof for dof in named if not is_node or dof.direction in directions]
     return tuple(dofs)
