@@ -45,7 +45,7 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
-from structid.identification.warning_words import ran_away_words
+from structid.identification.warning_words import is_gone, ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
@@ -608,7 +608,9 @@ def _judged(
             words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
             return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
         return Judgement(
-            "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
+            "undetermined",
+            f"Undetermined: {away[0]}; {_status_beside_away(identification)}.",
+            (*away, estimate.message),
         )
     if estimate.status is Status.NOT_IDENTIFIABLE and not off and is_far:
         words = f"Wrong model: {misfit}, and the data do not determine every parameter: do not use the values. {_searched(n_tried)}"
@@ -710,6 +712,14 @@ def _open_combinations(identification: Identification) -> str:
     """Words in brackets on how many combinations of parameters the data determine; "" if all are determined."""
     rank, n_free = identification.estimate.identifiability.rank, identification.estimate.identifiability.n_free
     return f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
+
+
+def _status_beside_away(identification: Identification) -> str:
+    """Status of the estimate; without its remedy where all that is not determined is stiffness that went to zero."""
+    estimate = identification.estimate
+    lost = {*np.flatnonzero(~estimate.identified & estimate.spread.is_free).tolist(), *identification.ran_away}
+    is_all_gone = estimate.status is Status.NOT_IDENTIFIABLE and all(is_gone(estimate, index) for index in lost)
+    return estimate.status_words.partition("; ")[0] if is_all_gone else estimate.status_words
 
 
 def _by_priors(identification: Identification) -> list[str]:

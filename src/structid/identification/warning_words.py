@@ -137,10 +137,14 @@ def ran_away_words(estimate: Estimate, index: int) -> str:
 
 def ran_away_warning(estimate: Estimate, index: int) -> str:
     """A warning that a parameter (at `index`) ran away, with the remedy."""
-    remedy = "check what holds it, give it bounds or a prior, or fix it"
+    return f"{ran_away_words(estimate, index)}; {ran_away_remedy(estimate, index)}"
+
+
+def ran_away_remedy(estimate: Estimate, index: int) -> str:
+    """What to do about a parameter (at `index`) that ran away."""
     if is_gone(estimate, index):
-        remedy = "take it out of the model (a hinge, a free end), or give it a prior"
-    return f"{ran_away_words(estimate, index)}; {remedy}"
+        return "take it out of the model (a hinge, a free end), or give it a prior"
+    return "check what holds it, give it bounds or a prior, or fix it"
 
 
 def is_gone(estimate: Estimate, index: int) -> bool:

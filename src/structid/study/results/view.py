@@ -25,6 +25,9 @@ from structid.identification.warning_words import (
     OTHER_MINIMA,
     estimate_warnings,
     is_gone,
+    ran_away_remedy,
+    ran_away_warning,
+    ran_away_words,
     unidentified_warnings,
 )
 from structid.inversion import Estimate, Status
@@ -321,11 +324,17 @@ def _next_step(identification: Identification, diagnosis: Diagnosis, is_searched
             f"Check the clock or sampling rate and {first_doubt.name} before you use a stiffness; the other values hold with their"
             " intervals."
         )
-    estimate, away = identification.estimate, identification.ran_away
-    if verdict == "undetermined" and away and all(is_gone(estimate, index) for index in away):
-        names = join_words([estimate.names[index] for index in away], 4)
+    if _is_to_be_taken_out(identification, diagnosis):
+        names = join_words([identification.estimate.names[index] for index in identification.ran_away], 4)
         return f"Take {names} out of the model, where the record shows no stiffness, and identify again."
     return _NOT_ALL if verdict in ("sound", "approximate") and is_any_doubtful else _NEXT_STEPS[verdict]
+
+
+def _is_to_be_taken_out(identification: Identification, diagnosis: Diagnosis) -> bool:
+    """True if all that ran away in an undetermined answer is stiffness that went to zero, which the next step takes out."""
+    away = identification.ran_away
+    is_undetermined = diagnosis.judgement.verdict == "undetermined" and bool(away)
+    return is_undetermined and all(is_gone(identification.estimate, index) for index in away)
 
 
 def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
@@ -343,10 +352,19 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
     tests = () if estimate.goodness.residual_tests is None else estimate.goodness.residual_tests.words
     elsewhere = {*tests, *unidentified_warnings(estimate), f"{estimate.status_words} ({estimate.message})"}
     of_estimate = set(estimate_warnings(estimate))
+    # a parameter of which the verdict says that it ran away needs the remedy alone, or nothing if that is the next step
+    remedies = {
+        ran_away_warning(estimate, index): ""
+        if _is_to_be_taken_out(identification, diagnosis)
+        else f"{estimate.names[index]}: {ran_away_remedy(estimate, index)}"
+        for index in identification.ran_away
+        if ran_away_words(estimate, index) in diagnosis.judgement.words
+    }
     acts = [
         words
-        for words in identification.warnings
-        if words not in elsewhere
+        for words in (remedies.get(words, words) for words in identification.warnings)
+        if words
+        and words not in elsewhere
         and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
     ]
     said = "\n".join(lines)
