@@ -80,6 +80,7 @@ def test_predict_tells_what_a_change_does(results, tmp_path):
         (["--damper", "5@2X"], "kg, Hz, damping ratio and a place"),
         (["--sensors", "9X"], "9X"),
         (["--participation", "RX"], "--participation must name axes"),
+        (["--participation", "X,Y"], "--participation Y: no mass moves along Y: ask for another direction"),
         (["--sensors", "2X", "--kind", "inertance"], "--kind must be one of"),
         (["--history", "push.csv"], "--sensors must name where the motion"),
     ],
@@ -89,6 +90,12 @@ def test_predict_names_what_cannot_be(results, tmp_path, arguments, words):
     assert done.exit_code == 2
     assert words in done.stderr
     assert not (tmp_path / "p").exists()
+
+
+def test_an_axis_without_mass_is_told_before_anything_is_drawn(results, tmp_path, monkeypatch):
+    monkeypatch.setattr("structid.study.run.predicting.predict_together", lambda *_, **__: pytest.fail("drawn"))
+    done = invoke("predict", results, "--sensors", "2X", "--participation", "Y", "--out", tmp_path / "p")
+    assert (done.exit_code, "no mass moves along Y" in done.stderr) == (2, True)
 
 
 def test_results_of_another_study_are_refused(results, tmp_path):

@@ -88,3 +88,18 @@ def test_a_change_is_followed_and_directions_without_mass_are_told():
         sid.predict(tower(), sid.ModalParticipation("Y", 3), n_draws=50)
     with pytest.raises(sid.InputError, match="must be one of X, Y, Z"):
         sid.ModalParticipation("RX")
+
+
+def test_fewer_modes_than_asked_for_have_as_many_labels_as_rows():
+    for quantity in (sid.ModalParticipation("X", 10), sid.NaturalModes(10)):
+        found = sid.predict(tower(), quantity, n_draws=50)
+        assert found.quantity.axes["mode"] == ("1", "2", "3")
+        assert len(found.values) == 3
+        assert " of 3 modes, " in str(found)
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5, "3"])
+def test_a_number_of_modes_is_a_whole_one_of_at_least_1(count):
+    for make in (lambda: sid.ModalParticipation("X", count), lambda: sid.NaturalModes(count)):
+        with pytest.raises(sid.InputError, match="`n_modes` must be a whole number of at least 1, got"):
+            make()

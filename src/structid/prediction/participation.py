@@ -11,7 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Base, Structure
 from structid.prediction.linear_response import movable_supports
-from structid.prediction.quantities import Evaluator, NaturalModes, ReferenceModes, followed_modes
+from structid.prediction.quantities import Evaluator, NaturalModes, ReferenceModes, followed_modes, require_mode_count
 from structid.unknowns import Parameters
 
 AXES = ("X", "Y", "Z")
@@ -39,7 +39,7 @@ class ModalParticipation:
     Raises
     ------
     InputError
-        If `direction` is no axis.
+        If `direction` is no axis, or `n_modes` no whole number of at least 1.
 
     References
     ----------
@@ -51,7 +51,8 @@ class ModalParticipation:
     reference: ReferenceModes | None = None
 
     def __post_init__(self) -> None:
-        """Raise `InputError` unless the direction is X, Y or Z."""
+        """Raise `InputError` unless the direction is X, Y or Z, and the number of modes a whole one of at least 1."""
+        require_mode_count(self.n_modes)
         if self.direction not in AXES:
             raise InputError(
                 f"`direction` must be one of {', '.join(AXES)}, along which the ground moves, got {self.direction!r}"

@@ -374,8 +374,11 @@ def _with_model_error(
 def _band(quantity: Quantity, nominal: NumberArray, draws: NumberArray, words: str) -> Prediction:
     """Prediction with its 95 % band, from the values `nominal` by the identified model and `draws` (n_draws, ...) by random ones.
 
-    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept.
+    `words` say what the uncertainty includes. Draws along axes of time or frequency are not kept. Of a model with fewer modes
+    than were asked for the quantity of the prediction has these only.
     """
+    if isinstance(quantity, NaturalModes | ModalParticipation) and len(nominal) < quantity.n_modes:
+        quantity = replace(quantity, n_modes=len(nominal))
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     # between order statistics so that the truth, which is like one model more, lies inside with the probability LEVEL
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0, method="weibull")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -642,6 +643,10 @@ class NaturalModes:
     n_modes: int = 10
     reference: ReferenceModes | None = None
 
+    def __post_init__(self) -> None:
+        """Raise `InputError` unless `n_modes` is a whole number of at least 1."""
+        require_mode_count(self.n_modes)
+
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """Function from physical parameters to frequencies (Hz) and damping ratios, (n_modes, 2).
 
@@ -676,6 +681,12 @@ class NaturalModes:
     def unit(self) -> str:
         """Two units, one a column."""
         return ", ".join(self.units)
+
+
+def require_mode_count(n_modes: int) -> None:
+    """Raise `InputError` unless the argument `n_modes` is a whole number of at least 1."""
+    if not isinstance(n_modes, Integral) or n_modes < 1:
+        raise InputError(f"`n_modes` must be a whole number of at least 1, got {n_modes!r}")
 
 
 def followed_modes(

@@ -51,6 +51,7 @@ from structid.study.results.stored_model import (
     stored_study,
 )
 from structid.study.schema.study import Study
+from structid.unknowns import Parameters
 
 PREDICTION_PAGE = "prediction.html"
 PredictionOrChange: TypeAlias = Prediction | PredictedChange | None
@@ -138,6 +139,8 @@ def predict_stored(
     """Predictions from a results folder whose study has been read; parameters, result and errors are as in `predict_study`."""
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)
+    axes = split_commas(options.participation)
+    _require_moving_mass(axes, model, [(model.structure, model.parameters), (structure, parameters)])
     damper = None
     if options.tune_damper:
         damper = _damper(replace(model, structure=structure, parameters=parameters), options)
@@ -191,7 +194,6 @@ def predict_stored(
             history, maxima = of(pushed, Maxima(pushed))
             words.append(f"history and maxima under one sample of it (seed {options.seed})")
     told = tuple(change.words for change in changes)
-    axes = split_commas(options.participation)
     modes, *shares = of(NaturalModes(options.modes), *(ModalParticipation(axis, options.modes) for axis in axes))
     return StudyPrediction(
         folder,
@@ -210,6 +212,23 @@ def predict_stored(
         stored_doubt(folder),
         dict(zip(axes, shares, strict=True)),
     )
+
+
+def _require_moving_mass(
+    axes: Sequence[str], model: IdentifiedModel, structures: Sequence[tuple[Structure, Parameters]]
+) -> None:
+    """Raise `InputError` for the first of `axes` along which no mass of one of `structures` (with their parameters) moves.
+
+    It is found before anything is drawn.
+    """
+    for structure, parameters in structures if axes else ():
+        structure.require_modes("modes")
+        for axis in axes:
+            evaluate = ModalParticipation(axis, 1).evaluator(structure, parameters, [model.physical])
+            try:
+                evaluate(model.physical)
+            except InputError as error:
+                raise InputError(f"`participation` {axis}: {error}", "participation") from error
 
 
 def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
