@@ -136,7 +136,7 @@ def compare(
     InputError
         If a file cannot be used, or the states have nothing in common to compare.
     SearchFailedError
-        If the search of both states at once fails.
+        If a search, of a state or of both at once, comes to where the model cannot be evaluated.
     """
     chosen = options or CompareOptions()
     settings: _Settings = {

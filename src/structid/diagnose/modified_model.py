@@ -317,14 +317,14 @@ class ModifiedModel:
         return NearFit(tuple(step.theta for step in steps), tuple(float(step.costs[-1]) for step in steps))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The minimum of lowest cost among full fits from each of `starts`, (n_params,) arrays of free variables.
+        """The minimum of least cost among full fits from each of `starts`, (n_params,) arrays of free variables.
 
-        Later fits are left where they will not get below the best so far. Starts that cannot be evaluated are passed over.
+        Later fits are left where they will hardly get below the best so far. Starts from which the fit fails are passed over.
 
         Raises
         ------
         StructidError
-            If the model can be evaluated at none of them, or each fit takes more than `fit_limits`.
+            If the fits fail from all starts, each since the model cannot be evaluated or the fit takes more than `fit_limits`.
         """
         return self._best_fit(self.target, FINAL, starts)
 
@@ -333,7 +333,17 @@ class ModifiedModel:
         return self._best_fit(self.coarse.target, _COARSE, starts)
 
     def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:
-        """The best minimum of a problem from several starts; see `fitted`."""
+        """The minimum of least cost among searches of `problem` by `method` from each of `starts`, (n_params,) free variables.
+
+        A search is left early where it will hardly get below the best end so far: where its next step promises to lower the sum
+        of squares by less than the part `RACED_AT`, and even a few such steps would end above. Searches that fail are passed
+        over.
+
+        Raises
+        ------
+        StructidError
+            If the searches fail from all starts.
+        """
         minima: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:

@@ -73,10 +73,12 @@ _Promises = dict[Hashable, tuple[float, Screened]]
 
 
 def screening_points(base: FittedModel) -> list[Point]:
-    """Linearized problems at which candidates are screened: on smoothed data, at the quick fit, and last at the fit.
+    """FRF problems at which candidates are screened, linearized at fitted values: on smoothed data, near the start, at the fit.
 
-    Of a large model only two, without further fits: at the start of the parameters, and at the fit. Smoothed levels after which
-    a search ends at its limit are left out.
+    The quick fits to data smoothed at `SCREENED_LEVELS` come first, each at its own answer, then the quick fit to the measured
+    lines, and last `base`. Where a quick fit ends at its limit, the later ones are left out, and the measured lines are taken
+    at the last answer. For a large model nothing is fitted: there are two problems, at the start of the parameters and at
+    `base`.
     """
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs

@@ -201,7 +201,7 @@ class SuperLuAnalysis:
 
     @cached_property
     def _reordered(self) -> sparse.csc_matrix:
-        """A matrix of the reordered pattern, (n, n), whose indices are checked once for all factorizations."""
+        """A matrix (n, n) of zeros with the reordered pattern; its indices, checked once, serve for all factorizations."""
         _, entry, indices, indptr = self._ordering
         matrix = sparse.csc_matrix((np.zeros(len(entry)), indices, indptr), (len(indptr) - 1,) * 2)
         matrix.sum_duplicates()

@@ -42,14 +42,16 @@ class Tangent:
     Attributes
     ----------
     masters : tuple of Dof
-        What its matrices stand on.
+        Degrees of freedom of the rows and columns of `mass` and `stiffness`.
     mass, stiffness : mapping of Powers to (n, n) float array
-        Coefficients of powers of the changes of parameters from the centre; () at the centre.
+        The matrix at the centre under (), and its coefficients of the first and second power of each parameter's change
+        from the centre, in the unit of the parameter.
     tie : ShapeTie
+        By which all other degrees of freedom that move follow the masters.
     constrained : tuple of Dof
-        That no mode moves.
+        Degrees of freedom that no mode moves.
     n_modes : int
-        Modes of the solver that it has.
+        Number of the solver's lowest modes that the matrices have.
     """
 
     masters: tuple[Dof, ...]
@@ -61,16 +63,19 @@ class Tangent:
 
 
 def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) -> Tangent:
-    """A small model (mass and stiffness by powers of the parameters) that has the modes of the solver's runs.
+    """Mass and stiffness matrices on few degrees of freedom, by powers of the parameters, that have the modes of solver runs.
+
+    In each parameter the matrices are parabolas through three runs; effects of several parameters add. Unless all runs have
+    shapes of unit modal mass, each mode is scaled by its coordinates below: the columns of [C; D] get the length 1.
 
     Parameters
     ----------
     name : str
-        Name of the tie that gives the other degrees of freedom from the model's.
+        Name of the returned tie, by which all other degrees of freedom that move follow those of the matrices.
     centre : RunModes
-        Modes at the centre of all parameters, in SI units, as all runs.
+        Modes with every parameter at its centre value, in SI units, as those of all runs.
     differences : sequence of Pair
-        Modes at two steps of each parameter.
+        For each parameter, the modes at two changes of it from the centre value, the other parameters at theirs.
 
     Raises
     ------
@@ -84,6 +89,8 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
 
         M_qq = C^-T (1 - D'D) C^-1,  K_qq = C^-T (Lambda - D'D Lambda - Lambda D'D + kappa D'D) C^-1,
         K_uq = (D Lambda - kappa D) C^-1.
+
+    Degrees of freedom of the matrices are those on which the span of Phi and U is told best, by a pivoted QR.
     """
     runs = [run for one in differences for run in one.runs]
     moved = np.abs(centre.values).max(axis=1) > 0

@@ -194,10 +194,13 @@ def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> Elemen
 
 
 def _free_between(terms: Sequence[PropertyMatrices], pieces: int, active: Sequence[str]) -> IntArray:
-    """Codes (n,) between the pieces of bending lines in the directions that their stiffness couples with the active ones; sorted.
+    """Codes (n,), sorted, of the degrees of freedom at the nodes between pieces of cut lines that are free to move.
 
-    Empty for lines without rotations, which are bars. `terms` are those of the set, cut into `pieces`; `active` are the
-    directions in which nodes move.
+    These are the active directions and all that the stiffness of the pieces couples with them, directly or through others. A
+    code is 6 times the label of the node plus 0 to 5 for X, Y, Z, RX, RY, RZ. Empty for lines whose stiffness has no rotations,
+    which are bars.
+
+    `terms` are those of the set, cut into `pieces`; `active` are the directions in which nodes move.
     """
     matrix_terms = [matrix_term for term in terms if term.kind == "stiffness" for matrix_term in term.matrix_terms]
     if not any((matrix_term.codes % 6 >= 3).any() for matrix_term in matrix_terms):

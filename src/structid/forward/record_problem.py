@@ -173,7 +173,10 @@ class RecordProblem(Problem):
 
     @property
     def matrix_free_obstacle(self) -> str:
-        """Obstacle to a matrix-free search, in words such as "takes no errors of channels"; "" where there is none."""
+        """Reason why a matrix-free search of this record is impossible; "" if it is possible.
+
+        It goes on a sentence that begins with the search, as in "a matrix-free search takes no dry friction".
+        """
         return "takes FRFs, not time histories that are fitted themselves"
 
     def schedules(self) -> Sequence[Schedule]:

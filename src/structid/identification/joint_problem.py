@@ -63,7 +63,10 @@ def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
 
 
 def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
-    """Reason why a matrix-free search of the joint problem is impossible, in words; "" if it is possible."""
+    """Reason why a matrix-free search of all problems together is impossible; "" if it is possible.
+
+    It goes on a sentence that begins with the search, and is that of the first problem that has one.
+    """
     obstacles = [problem.matrix_free_obstacle for problem in problems]
     if scatter_problems(problems):
         obstacles.append("takes no unknown that varies from record to record")

@@ -136,7 +136,11 @@ def regularized(
 
 
 def takes_matrix_free(terms: Sequence[Regularization]) -> str:
-    """Reason why the regularizations `terms` rule out a matrix-free search, as words after its name; "" if they allow it."""
+    """Reason why the regularizations `terms` rule out a matrix-free search; "" if they allow it.
+
+    It goes on a sentence that begins with the search, as in "search 'matrix_free' takes a given strength". Allowed are terms of
+    smoothness whose strength is given or found by 'marginal_likelihood'.
+    """
     for term in terms:
         if term.is_sparse:
             return f"takes smoothness as the only regularization, got {term_name(term)}"
@@ -374,7 +378,10 @@ class _Search:
 
 
 def _with_penalties_as_data(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
-    """Local model with all penalties but those at positions `kept` counted as data, at their `strengths`."""
+    """Local model with all penalties but those at positions `kept` turned into rows of data, times the root of their strength.
+
+    Those at `kept` stay penalties; `strengths` has one entry for each penalty of `model`, in order.
+    """
     parts = [(model.data.residual, model.data.jacobian)]
     for k, part in enumerate(model.penalties):
         if k not in kept:

@@ -231,7 +231,10 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
 
 
 def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
-    """The obstacle to a matrix-free search with these problems and options, in words; "" where there is none."""
+    """Reason why these problems and options rule out a matrix-free search; "" if they allow it.
+
+    It goes on a sentence that begins with the search, as in "search 'matrix_free' takes no dry friction".
+    """
     obstacle = joint_obstacle(problems)
     if not obstacle and options.intervals != "laplace":
         return f"takes intervals 'laplace', got {options.intervals!r}"

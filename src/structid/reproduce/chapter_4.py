@@ -145,10 +145,11 @@ def rms(relative_error: FloatArray) -> float:
 
 
 def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatArray:
-    """Parameters along the classical iteration from the postulated ones, (n, 12) with n <= n_iterations + 1.
+    """Parameters along the classical iteration, Eqs. (4.17) and (4.26), (n, 12): the postulated ones, then those of each step.
 
-    Eqs. (4.17) and (4.26). It ends early if the RMS error exceeds `DIVERGED` or the model cannot be evaluated. The steps are
-    those of ``GaussNewton(step_control=False)``.
+    A row holds masses per length (kg/m), then stiffnesses EI (N m^2). Steps are full, as those of
+    ``GaussNewton(step_control=False)``. There are `n_iterations` steps, or fewer: the iteration ends before a step at whose end
+    the RMS error relative to the actual parameters is not below `DIVERGED`, and where the model cannot be evaluated.
     """
     structure = cantilever(case.postulated)
     problem = FrfProblem(structure, unknowns(structure), record, "equation")
@@ -374,7 +375,12 @@ def _start_table(case: Case, printed: float, errors: FloatArray) -> Table:
 
 
 def _single_sensors() -> tuple[Table, int]:
-    """Table of the iteration with each transverse sensor alone, in rad/s and in Hz, and the number that converge in rad/s."""
+    """Table of the classical iteration in case 2 with a single deflection measured, and the number of sensors that converge.
+
+    Rows are the six nodes. Columns are the condition number of the relative Jacobian, the RMS error after one iteration and the
+    number of iterations to an error of 0 (NaN if there is none), first with lines at 0.5 to 6 rad/s, then at 0.5 to 6 Hz. The
+    number counts the sensors that converge in rad/s.
+    """
     rows = []
     for sensor in DEFLECTIONS:
         printed = Reading("", in_rad_per_s(*GRID), (sensor,))

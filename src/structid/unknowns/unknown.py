@@ -258,14 +258,15 @@ class ParameterGroup:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit of all parameters of the group, in the unit of the parameter; infinite where there is none.
+        """Lower and upper limit of every parameter of the group, in the parameter's unit (1 for factors); infinite if none.
 
-        These are the declared bounds, or else the limits of the properties.
+        They are the declared `bounds`. Without bounds a node position lies between its neighbours, not quite up to them; any
+        other property is at least 0, but for an axial force, or one declared with ``positive=False``, which have no limits.
 
         Raises
         ------
         InputError
-            If the bounds do not increase, or leave the limits of a node position.
+            If the bounds do not increase, or those of a node between two neighbours do not lie between them.
         """
         lowest, highest = self._property_limits
         if self.unknown.bounds is None:

@@ -252,7 +252,7 @@ class Runs:
         resume : bool, optional
             True to continue an interrupted run from its checkpoint.
         replace : bool, optional
-            True if existing results may be replaced.
+            True to start although `results` is not empty; the run then writes its files in place of those there.
         confirmation : str, optional
             Confirmation of the solver command that the run may execute; any other command is refused.
         seconds : float, optional

@@ -440,9 +440,10 @@ def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> li
 
 
 def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of a *KINEMATIC COUPLING block, each with its obstacle ("" if none): one for each data line.
+    """Pairs (obstacle, part) of a *KINEMATIC COUPLING block, one for each data line; the obstacle is "" if there is none.
 
-    Its nodes follow the reference node in the components of the line.
+    The nodes of a line follow the reference node rigidly in the components that the line names. Names of nodes and sets are
+    looked up in `scope`, the part of the assembly in which the block stands.
     """
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
     items: ObstaclesAndParts = []

@@ -317,7 +317,10 @@ class FrfProblem(RecordProblem):
 
     @property
     def matrix_free_obstacle(self) -> str:
-        """Reason why a matrix-free search is impossible, as words after its name; empty if it is possible."""
+        """Reason why a matrix-free search of these FRFs is impossible; "" if it is possible.
+
+        It goes on a sentence that begins with the search, as in "a matrix-free search takes no dry friction".
+        """
         if self.channels is not None and self.channels.decay(self.channels.start) is not None:
             return "takes no unknown decay of a window"
         if self.form == "equation":

@@ -395,9 +395,10 @@ def solution_words(unknown: Parameters, fit: LinearFit | BlockFit, n_rows: int, 
 
 
 def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | None) -> list[str]:
-    """Sentences on the predicted `bias` (n_params,) by noise of the motion; a general one if it is None.
+    """Sentences on the predicted `bias` (n_params,) of the parameters of `fit`, in their units, by noise of the motion.
 
-    Parameters with a bias above half of their value are named.
+    The first names the parameter with the largest bias relative to its value; a second those with a bias above half of their
+    value, if any. One general sentence if `bias` is None.
     """
     if bias is None:
         return [_BIAS]

@@ -323,9 +323,13 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
 
 
 def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
-    """Mode shapes (n_channels, n_modes), complex if there are imaginary parts, and their standard deviations or None.
+    """Mode shapes (n_channels, n_modes), real or complex, and the standard deviations of their entries, float or None.
 
-    `FileError` if a real part is missing beside an imaginary part. `dofs` are the channels of the rows.
+    Rows are the channels `dofs`, whose columns in the table are ``1X+`` or ``1X+ real``, ``1X+ imaginary`` and ``1X+ std``. An
+    entry without a real part is unknown, NaN. Shapes are complex if any cell holds an imaginary part; blank ones count as 0
+    then. The deviations are None if no cell holds one.
+
+    Raises `FileError` if a cell holds an imaginary part and the real part of that entry is blank or has no column.
     """
     names = {}
     for name in table.header:

@@ -145,9 +145,9 @@ def _forward(matrix: FloatArray, rows: int) -> FloatArray:
 
 
 def _cholesky(gram: FloatArray, least: float) -> FloatArray | None:
-    """Upper triangle R with R' R = `gram`; None if not positive definite, or if its diagonal spans more than 1 / `least`.
+    """Upper triangle R (n, n) with R' R = `gram`; None if `gram` is not positive definite, or if R is nearly singular.
 
-    R and `gram` are (n, n); `least` is the smallest allowed ratio of diagonal entries.
+    It is so if the smallest entry on the diagonal of R is at most `least` times the largest.
     """
     try:
         triangle = np.asarray(linalg.cholesky(gram))

@@ -105,9 +105,12 @@ def _trace_line(path: Path, block: UffDataset) -> tuple[int, ...]:
 
 
 def _read_csv(path: Path) -> Geometry:
-    """Nodes in m and lines of a CSV table with rows ``node,x,y,z`` and ``line,1,2,...``, which joins nodes in order.
+    """Geometry of a CSV table in UTF-8: rows ``label,x,y,z`` of nodes, in m, and ``line,1,2,...``, which joins nodes in order.
 
-    Raises `FileError` for any other row, a node with two positions, or a table without nodes.
+    A header ``node,x,y,z``, blank rows and rows that begin with ``#`` are skipped. Lines may stand above their nodes; 0 in a
+    line lifts the pen.
+
+    Raises `FileError` for any other row, a node with two positions, a line to a node without a position, or no nodes at all.
     """
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), strict=True))

@@ -234,7 +234,10 @@ def _require_channels(path: Path, name: str, texts: tuple[str, ...], options: Re
 def _key(where: tuple[str, ...], array: tuple[str, ...]) -> str:
     """Plain name of a statement about the array, such as ``fs``, ``units`` or ``dt``; "" if it is about something else.
 
-    `where` and `array` are the parts of the paths of both in the file.
+    `where` and `array` are the paths of both in the file, in parts. A statement is about the array if it is an attribute of the
+    array, or stands in the same group or in one around that. Its plain name is the last part, in small letters and no others;
+    ``units`` for the array's name followed by "unit" or "units". Of an attribute ``quantity/label`` the name is ``unit``, of
+    ``xvalues/increment`` ``dt``.
     """
     plain = tuple(_plain(part) for part in where)
     if where[:-1] == array[: len(where) - 1]:

@@ -168,9 +168,17 @@ def _average_lines(record: FrfRecord, ratio: float) -> FrfRecord:
 def _integrate(
     records: list[FrfRecord], laplace: ComplexArray, weights: list[tuple[FloatArray, FloatArray]]
 ) -> tuple[ComplexArray, FloatArray]:
-    """Poisson integrals of the first record and E|error|^2, (n, n_outputs, n_inputs) each, at `laplace` (n,) in 1/s.
+    """Poisson integrals of the FRFs of the first record at `laplace` (n,), and E|error|^2, (n, n_outputs, n_inputs) each.
 
-    The other records have fewer lines and serve for the error. `weights` holds those of `poisson_weights` for each record.
+    Parameters
+    ----------
+    records : list of FrfRecord
+        The first from all lines of a record, the others from its even and its odd lines: their differences are the error of the
+        spacing. Noise and the part of the kernel beyond the band count as errors too.
+    laplace : (n,) complex array
+        Points s in 1/s, with the real part counted from the line on which the FRFs are: the decay less that of the record.
+    weights : list of (forward, backward)
+        For each record the two arrays (n, n_lines) of `poisson_weights`.
     """
     record = records[0]
     shape = (len(laplace), *record.values.shape[1:])

@@ -189,9 +189,11 @@ def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
-    """Edits, as `edited` takes them, that turn the content `before` under `path` into `after`.
+    """Edits, as `edited` takes them, that turn the content `before` under `path` into `after` when made one after another.
 
-    `numbers` gives the position that each entry of an array of tables had before, by the `id` of the entry.
+    In an array of tables, entries that are still there are changed, those that are gone are removed from the last one on, and
+    new ones are appended; other lists are written anew. `numbers` gives the position, from 0, that each table of an array in
+    `after` had before, by the `id` of the table; a table without a number is new.
     """
     if isinstance(before, dict) and isinstance(after, dict):
         for key in before:

@@ -54,7 +54,8 @@ class Table(NamedTuple):
     texts : sequence of list of str
         The cells.
     to_hertz : float, optional
-        What the first column is multiplied by where it is an axis of frequencies; NaN where nothing says its unit.
+        Factor from the first column, which `values` hold as it is in the file, to Hz; None where that column holds no
+        frequencies, NaN where nothing says their unit.
     """
 
     path: Path
@@ -83,7 +84,9 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "") -> Table:
-    """The table in the CSV file at `path`, with names, units and cells parsed to numbers.
+    """The table in the CSV file at `path`, with names, units and cells parsed to numbers in the units of the file.
+
+    In a table with frequencies in its first column, each column of complex cells becomes two, of real and imaginary parts.
 
     Parameters
     ----------
@@ -91,13 +94,15 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
     layout : CsvLayout, optional
         Separator, decimal sign, header lines and encoding; recognised by default.
     axis_unit : str
-        Unit of the frequencies in the first column, if its header does not state it; "" if not known.
+        Unit of the frequencies in the first column, such as ``Hz`` or ``rad/s``, where its header does not state it; "" if not
+        known. A unit of times is passed over here.
 
     Raises
     ------
     FileError
-        If the file is not text, has no lines of numbers, or a cell is not a finite number. Samples of time
-        histories may be NaN, infinite or empty: gaps are judged by `structid.records.formats.gaps`.
+        If the file is not text, has no lines of numbers, a column without a name or two units of frequencies, or a cell is not
+        a finite number. Samples of time histories may be NaN, infinite or empty: gaps are judged by
+        `structid.records.formats.gaps`.
     InputError
         If `axis_unit` contradicts the header.
     """

@@ -53,7 +53,10 @@ SI_UNITS = block(164, [f"{1:10d}{'SI':<20s}{1:10d}", "".join(f"{n:25.17e}" for n
 
 
 def geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
-    """Datasets 15 and 2411 (nodes) and 82 (trace lines) of a geometry, as bytes; nothing for None or without nodes."""
+    """Datasets 15 and 2411 (nodes, m) and 82 (trace lines) of a geometry, as bytes; nothing for None or without nodes.
+
+    Each node stands in both datasets of nodes, in 15 with six digits; there is one dataset 82 for each line.
+    """
     if geometry is None or not geometry.nodes:
         return
     short, full = [], []
