@@ -58,7 +58,10 @@ def all_directions(several: Sequence[Directions]) -> Directions:
 
 
 def stiffness_scale(receptances: Receptances, directions: Directions, law: ComplexArray) -> float:
-    """Strength at which an added part with the law a(s), (n_lines,), is about as stiff as the structure (median over lines)."""
+    """Strength at which an added part, q times the law a(s), is about as stiff as the structure in the first direction.
+
+    `law` (n_lines,) is a(s). At this q the median over the lines of |q a g| is 1, with g the receptance in the direction.
+    """
     rows, weights = directions.rows(receptances)
     d = weights[:, 0]
     return float(1 / np.median(np.abs(law * (d @ receptances.flexibility(rows) @ d))))

@@ -65,12 +65,12 @@ class NearFit(NamedTuple):
 
     @property
     def theta(self) -> FloatArray:
-        """Free variables at its end, (n_params,)."""
+        """Free variables at the end of the quick fit, (n_params,)."""
         return self.path[-1]
 
     @property
     def chi_square(self) -> float:
-        """Sum of squares at its end."""
+        """Sum of squares at the end of the quick fit, of its last stage."""
         return self.costs[-1]
 
 
@@ -189,12 +189,12 @@ class ModifiedModel:
 
     @property
     def has_places(self) -> bool:
-        """True where changes at nodes and elements are looked at, not those of records alone."""
+        """True if the models are small enough for changes at nodes and elements; else only those of records are tried."""
         return all(has_places(view.problem) for view in self.views)
 
     @property
     def is_small(self) -> bool:
-        """True if a linear look beside a change takes little."""
+        """True if the models are so small that screening second changes by a linear step is quick (`are_small`)."""
         return are_small(self.setups)
 
     @property
@@ -371,7 +371,7 @@ def base_model(model: TestedModel, problems: Sequence[RecordProblem], theta: Flo
 
 
 def are_small(setups: Sequence[AnySetup]) -> bool:
-    """True if all models are small enough that linear looks take little."""
+    """True if no model has more than `DENSE_UP_TO` degrees of freedom, so that a screening by a linear step is quick."""
     return all(setup.structure.n_dofs <= DENSE_UP_TO for setup in setups)
 
 

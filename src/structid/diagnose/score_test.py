@@ -89,7 +89,10 @@ class Point:
 
     @property
     def left(self) -> float:
-        """The sum of squares off the basis without any change."""
+        """Sum of squares of the residual, less what parameters and fixed values within tolerances can follow of it.
+
+        No change is made to the model.
+        """
         return float(self._base @ self._base)
 
     def candidates(self, record_names: Sequence[str]) -> list[Candidate]:
@@ -292,7 +295,7 @@ class Point:
 
 
 def _squares(off: FloatArray) -> FloatArray:
-    """Sum of squares of each column, (n_columns,); infinite where it is not finite."""
+    """Sum of squares of each column of `off` (n_rows, n_columns), (n_columns,); infinite for a column that is not finite."""
     left = np.einsum("ij,ij->j", off, off)
     return np.where(np.isfinite(left), left, np.inf)
 

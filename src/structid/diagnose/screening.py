@@ -247,8 +247,8 @@ def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Col
 def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
-    These leave less than half of the misfit of the initial model. `points` are the linearized problems of the screening; empty
-    for modes.
+    Each leaves, by a linear step at the start of the parameters, less than the part `INITIAL_PART` of the misfit there.
+    `points` are the linearized problems of the screening, of which that at the start is used for large models; empty for modes.
     """
     modified = base.modified
     if modified.is_of_modes:

@@ -420,7 +420,10 @@ def _beside(first: FittedModel, work: TaskExecutor, which: str, budget: SearchBu
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """Position of the first change with the same kind, strength and misfit for each screened one; mostly that of itself."""
+    """Position of the first change with the same kind, strength and misfit, for each screened one.
+
+    It is its own position if no change before it is alike.
+    """
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
 

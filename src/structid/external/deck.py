@@ -154,10 +154,10 @@ class Deck:
 
 
 def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
-    """`texts` of the deck, by file name, with the frequencies that the solver is to compute, and a file that lists them.
+    """`texts` of the deck, by file name, with the frequencies that the solver is to compute, and one more file that lists them.
 
-    A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. The list is called `FREQUENCIES`; raises
-    `InputError` if the deck has a file of that name already.
+    A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. The file is called `FREQUENCIES` and has
+    one frequency (Hz) in each line; raises `InputError` if the deck has a file of that name already.
     """
 
     def number(mark: re.Match[str], value: float) -> str:

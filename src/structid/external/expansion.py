@@ -82,10 +82,10 @@ class _Axis:
 
 
 def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
-    """The range over which a parameter is varied about its nominal value, made smaller near bounds.
+    """The range over which a parameter is varied on both sides of its nominal value, inside its bounds.
 
-    It extends by `parameter.step` or, without a step, by `usual`, both relative to the nominal value; for a nominal value of 0
-    the step is absolute.
+    It extends by `parameter.step` or, without a step, by `usual`, both relative to the nominal value (for a nominal value of 0
+    the step is absolute), but at most 0.9 of the way to the nearer bound.
 
     Raises
     ------

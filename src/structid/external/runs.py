@@ -300,7 +300,7 @@ def _keep_failed_run(solver: Solver, trial: Path) -> None:
 
 
 def _remove_stale_folders(folder: Path) -> None:
-    """Remove the trial folders in `folder` that killed runs left behind, once they are old enough."""
+    """Remove the trial folders in `folder` that killed runs left behind, a week after their last change."""
     for path in folder.glob(".*.*"):
         with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
             if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:

@@ -50,9 +50,9 @@ class Pair(Generic[R]):
     ----------
     name : str
     changes : (float, float)
-        Two changes of its value.
+        Two changes of the parameter from its value at the centre, in its unit.
     runs : (R, R)
-        Results at the centre with each change.
+        Results with each of the changes, all other parameters at the centre.
     """
 
     name: str
@@ -164,10 +164,11 @@ class _Step:
         return self.part > _SMALLEST_STEP and len(self.tried) < _TRIALS
 
     def values(self, solver: Solver, centre: Mapping[str, float]) -> list[float]:
-        """Two values of the parameter, on both sides of the centre, or on the same side if a bound is near.
+        """Two values of the parameter: a step above and a step below the centre, or one and two steps to one side near a bound.
 
-        `centre` has the values of all parameters by name. The values are rounded as the deck shows them; `InputError` if its
-        digits do not resolve the step.
+        They are one-sided if a bound is nearer than the step; the step is then at most half the distance to the other bound.
+        `centre` has the values of all parameters by name. The values are rounded as the deck shows them; `InputError` if the
+        digits of the mark do not resolve the step.
         """
         self.tried.add(self.part)
         low, high = self.parameter.limits
@@ -193,7 +194,10 @@ class _Step:
     def settles(self, change: float) -> bool:
         """True if the step can be used for differences; False if it was changed and the runs must be repeated.
 
-        `change` is the largest relative change of the results by the step. `InputError` if even the largest step has no effect.
+        It can be used if `change`, the largest relative change of the results by the step, is from `rules.least` to
+        `rules.most`. A larger change makes the step a quarter of it, a smaller one ten times it, up to 0.3 of the value; a step
+        that cannot be changed further, or was tried before, is used as it is. `InputError` if even the largest step changes the
+        results by less than `rules.no_effect`.
         """
         rules = self.rules
         if change > rules.most and self.part > _SMALLEST_STEP and self.part / 4 not in self.tried:

@@ -517,7 +517,7 @@ def _all_stated(
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
     """Standard deviations of the shape entries of a mode, (n_channels,), as if the scale were free; NaN if unknown or 0.
 
-    The record's own hold the largest entry fixed; see `unscaled_shape_std`.
+    Those that the set-up states are of shapes with the largest entry held fixed; see `unscaled_shape_std`.
     """
     if setup.shape_std is None:
         return np.full(len(setup.channels), np.nan)

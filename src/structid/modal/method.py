@@ -181,5 +181,5 @@ class ModalIdentification:
 
 
 def by_rising_frequency(poles: Iterable[LeftOut]) -> tuple[LeftOut, ...]:
-    """`poles` sorted."""
+    """`poles` sorted by frequency, the lowest first."""
     return tuple(sorted(poles, key=lambda part: part.frequency))

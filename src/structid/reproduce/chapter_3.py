@@ -374,7 +374,11 @@ class Errors:
 
     @property
     def bias(self) -> float:
-        """RMS over the parameters of the mean error over seeds, without what chance adds to it."""
+        """RMS over the parameters of the mean relative error over seeds, in parts of a parameter.
+
+        From the mean square is taken what the means have by chance, the variance over seeds divided by their number; 0 if that
+        is more.
+        """
         mean, variance = self.relative.mean(axis=0), self.relative.var(axis=0, ddof=1)
         return float(np.sqrt(max((mean**2 - variance / len(self.relative)).mean(), 0.0)))
 
@@ -388,7 +392,8 @@ def sum_of_two_rms(relative: FloatArray) -> FloatArray:
 def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
     """Relative errors of least-squares estimates of the 30 parameters from `n_samples` noisy samples, one row for each seed.
 
-    `reading` is "A", "B" or "integrated", a key of `READINGS`; seeds are 0 to n_seeds - 1.
+    `reading` says how noise enters: "A" as by `multiplied`, "B" as by `added`, "integrated" as by `integrated`; seeds are 0 to
+    n_seeds - 1.
     """
     structure = beam(ACTUAL)
     equations = time_equations(structure, unknown_values(structure))

@@ -368,7 +368,8 @@ def figure_4_3() -> ReproducedItem:
 def _start_table(case: Case, printed: float, errors: FloatArray) -> Table:
     """Table with one row: initial RMS error (%) relative to actual and to postulated parameters, and iterations to zero.
 
-    `printed` is the printed initial error (%); `errors` are RMS errors along the iteration.
+    `printed` is the initial error (%) that the dissertation prints, which is compared with the second number; `errors` are RMS
+    errors along the iteration, the start first.
     """
     computed = [100 * rms(case.relative_error), 100 * rms(case.error_of_actual), iterations_to(errors)]
     return Table((case.name,), _START_COLUMNS, np.array([[np.nan, printed, 5.0]]), np.array([computed]))
@@ -408,7 +409,11 @@ def _single_sensors() -> tuple[Table, int]:
 
 
 def _sensor_pairs() -> tuple[Table, int]:
-    """Table of the iteration with each pair of transverse sensors, in rad/s, and the number of pairs for which it converges."""
+    """Table of the classical iteration in case 2 with two deflections measured, and the number of pairs that converge.
+
+    Rows are the 15 pairs of nodes; columns are the RMS error after one and after three iterations, and the number of iterations
+    to an error of 0 (NaN if there is none). Lines are at 0.5 to 6 rad/s.
+    """
     chosen = list(combinations(DEFLECTIONS, 2))
     paths = [errors_of(CASE_2, Reading("", in_rad_per_s(*GRID), pair)) for pair in chosen]
     computed = np.array([[path[1], path[3], iterations_to(path)] for path in paths])

@@ -19,7 +19,7 @@ from structid.diagnose.tested_model import TestedModel
 
 
 def _delays(receptances: Receptances) -> FloatArray:
-    """Delays that are tried, s."""
+    """Delays that are tried, s, (16,): those that turn the highest line by 0.01 to 2 rad, late and early."""
     return np.concatenate([sign * FACTORS / (np.pi * receptances.problem.record.frequency[-1]) for sign in (1, -1)])
 
 

@@ -76,7 +76,7 @@ class MeshErrors:
 
     @property
     def tolerance(self) -> float:
-        """The least relative error that a mode in the band may have."""
+        """The least relative error that a mode in the band may have; that of a mode of usual damping where none was judged."""
         return float(self.allowed.min(initial=min(_PART * _USUAL_DAMPING, self.deviation)))
 
     @cached_property
@@ -97,7 +97,7 @@ class MeshErrors:
 
     @property
     def worst(self) -> int:
-        """Position of the mode that is farthest off in parts of what is allowed."""
+        """Position among the judged modes of the one whose error is largest in parts of what is allowed."""
         return int((np.abs(self.error) / self.allowed).argmax())
 
     @property

@@ -150,9 +150,10 @@ class _Word(NamedTuple):
 
 
 def _canonical_column(cell: str) -> _Word:
-    """Standard column name, unit factor and assumption for a column header of this or another program.
+    """The module's name of a column, factor to its unit, and words on an assumed unit, from a header of any program.
 
-    `cell` is the text of the header. The name is "" for columns of no use, and the text itself for any other column.
+    `cell` is the text of the header. Factors lead to Hz and to damping ratios; the words are "" where nothing is assumed. The
+    name is "" for columns of no use, and the text itself, with factor 1, for a column that is none of frequencies or damping.
 
     Raises
     ------

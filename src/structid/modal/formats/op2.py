@@ -52,7 +52,7 @@ class _Words:
         return np.frombuffer(data, dtype=f"{self.order}f{self.size}")
 
     def text(self, data: bytes) -> str:
-        """Four letters a word."""
+        """The text in `data`, four letters in each word, of 4 bytes or 8; blanks around it are dropped."""
         letters = np.frombuffer(data, dtype=np.uint8).reshape(-1, self.size)[:, :4]
         return letters.tobytes().decode("latin-1").strip()
 

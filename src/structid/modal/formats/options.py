@@ -57,10 +57,10 @@ class ModeFileOptions:
 
     @property
     def length(self) -> float | None:
-        """Metres of the unit of length."""
+        """The stated unit of length in m; None if none is stated."""
         return LENGTHS[self.length_unit] if self.length_unit else None
 
     @property
     def force(self) -> float | None:
-        """Newtons of the unit of force."""
+        """The stated unit of force in N; None if none is stated."""
         return FORCES[self.force_unit] if self.force_unit else None

@@ -116,9 +116,15 @@ def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriter
     ----------
     band : FrfBand
     orders : sequence of int, optional
-        Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up.
+        Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up. By default as `polynomial_orders`
+        says.
     criteria : HardCriteria
         Its range of damping ratios is used only.
+
+    Returns
+    -------
+    PoleSweep
+        Orders increase, the poles of each by |s|.
     """
     n_inputs = band.values.shape[2]
     degrees = polynomial_orders(band.values.shape, orders)

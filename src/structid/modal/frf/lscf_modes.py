@@ -233,7 +233,10 @@ def _wider(
 
 
 def _outside(below: int, above: int) -> tuple[int, ...]:
-    """Powers of s of a receptance for the modes outside the band: -2 to -2 `below`, and 0 to 2 `above` - 2."""
+    """Powers of s of a receptance for modes outside the band: all from -2 `below` to -2, and all from 0 to 2 `above` - 2.
+
+    For `below` 0 there are no negative powers, for `above` 0 no others.
+    """
     return (*range(-2 * below, -1), *range(2 * above - 1))
 
 

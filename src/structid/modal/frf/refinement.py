@@ -141,7 +141,7 @@ class OutputBlock:
 
     @property
     def leverage(self) -> FloatArray:
-        """Part of each value that the output's own terms take up, whatever it is, (n_rows,)."""
+        """Part of an error in each value that the fit of the output's own terms follows, (n_rows,), 0 to 1."""
         return np.asarray(np.sum(self.basis**2, axis=1))
 
 

@@ -76,7 +76,7 @@ class Cluster:
 
     @property
     def place(self) -> tuple[int, int]:
-        """Order and index of the chosen pole."""
+        """Number of the order in the sweep, from 0, and index of the chosen pole among the poles of that order."""
         return int(self.number[self.chosen]), int(self.index[self.chosen])
 
     @property
@@ -85,7 +85,7 @@ class Cluster:
 
     @property
     def frequency_spread(self) -> float:
-        """Standard deviation over the orders, Hz."""
+        """Standard deviation of the frequency of the poles over the orders, Hz."""
         return float(self.frequency.std())
 
 

@@ -122,7 +122,11 @@ def coordinates(chart: Chart) -> FloatArray:
 
 
 def _root(x: FloatArray, m: int) -> ComplexArray:
-    """Lower Cholesky factor L (m, m) of the spectral density of modal forces, S = L L^*, from coordinates `x` of m modes."""
+    """Lower Cholesky factor L (m, m) of the spectral density of modal forces, S = L L^*, from coordinates of m modes.
+
+    Of all coordinates `x` (size,) of a chart it uses the m^2 before the last: logarithms of the diagonal, then real and
+    imaginary parts of the entries below it, row by row, over the diagonal entry of their row.
+    """
     tail = x[len(x) - m * m - 1 : len(x) - 1]
     size, n_below = np.exp(tail[:m]), m * (m - 1) // 2
     below, root = np.tril_indices(m, -1), np.diag(size).astype(complex)
@@ -151,7 +155,11 @@ def modes_at(chart: Chart, x: FloatArray) -> BandModes:
 
 
 def transfer(data: BandLines, modes: BandModes) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Transfer function h of every line and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each."""
+    """Transfer function h of every line and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each.
+
+    h is (i b)^d / (1 - b^2 + 2 i zeta b), with b the frequency of the line over that of the mode and d the derivative (0 to 2)
+    of displacement that the lines hold.
+    """
     b = data.frequency[:, None] / modes.frequency
     friction = 2j * modes.damping_ratio * b
     below = 1 - b**2 + friction

@@ -231,7 +231,10 @@ def _hann_window(part: FloatArray) -> FloatArray:
 
 
 def _half_hann_window(part: FloatArray) -> FloatArray:
-    """Window that `stored_spectrum` applies to correlation functions, at lags `part` of `duration`; these reach 0.5."""
+    """Window that `stored_spectrum` applies to correlation functions, cos^2(pi `part`), at lags `part` times `duration`.
+
+    Lags of correlation functions reach half the duration (`part` 0.5), where the window is 0.
+    """
     return np.asarray(np.cos(np.pi * part) ** 2)
 
 

@@ -111,7 +111,10 @@ def segments(data: ScaledMotion, segment: int) -> Iterator[FloatArray]:
 
 
 def default_segment(data: ScaledMotion) -> int:
-    """Number of samples in a segment: a power of two that leaves about 40 half-overlapping segments in all, at least 8."""
+    """Number of samples in a segment: a power of two that leaves about 40 half-overlapping segments of all records, at least 8.
+
+    It is not longer than the shortest record, unless that has fewer than 8 samples.
+    """
     total, shortest = sum(len(y) for y in data.series), min(len(y) for y in data.series)
     return int(2 ** max(3, np.floor(np.log2(max(min(2 * total / (_AVERAGES + 1), shortest), 8)))))
 

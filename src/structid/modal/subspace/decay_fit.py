@@ -157,7 +157,7 @@ def stands_out(data: ScaledMotion, poles: ComplexArray) -> NDArray[np.bool_]:
 
 
 def noise_strength(data: ScaledMotion) -> float:
-    """The `strength` that poles of noise do not reach."""
+    """The `strength` that poles fitted to noise do not reach: 1 + 9 / sqrt(n) for n series, channels times records."""
     return float(1 + 9 / np.sqrt(len(data.series) * data.n_channels))
 
 
@@ -170,7 +170,11 @@ def schwarz(data: ScaledMotion, poles: ComplexArray) -> float:
 
 
 def left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
-    """F statistic (see `strength`) of each of the poles `candidates` if added alone to `poles`, (n_candidates,); rad/s."""
+    """F statistic (see `strength`) of each of `candidates` if it alone is added to `poles`, (n_candidates,).
+
+    Poles and candidates are in rad/s. `poles` stay as they are, with their amplitudes fitted anew; the noise is that left with
+    `poles` alone.
+    """
     parts = _project_records(data, poles)
     sigma = _noise(parts)
     found = np.zeros(len(candidates))

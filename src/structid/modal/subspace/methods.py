@@ -140,7 +140,7 @@ def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int 
 
 
 def _forward(matrix: FloatArray, rows: int) -> FloatArray:
-    """Matrix with its block columns, `rows` in number, in reverse order: from backwards in time to forwards."""
+    """`matrix` with its `rows` block columns in reverse order: from backwards in time to forwards."""
     return np.asarray(matrix.reshape(len(matrix), rows, -1)[:, ::-1].reshape(len(matrix), -1))
 
 

@@ -76,7 +76,9 @@ class FreeDecay:
 def free_decay(data: ScaledMotion, poles: ComplexArray) -> FreeDecay:
     """Records split into the least-squares free decay with `poles` (rad/s) and the rest, and how much the decay explains.
 
-    The split is left out (empty lists) if a quick estimate finds less than 20 % of the power explained.
+    The split is left out (empty lists) if a quick estimate finds less than 20 % of the power explained. The decay explains most
+    if less than half of the power is left, and all if besides the spectrum of the rest has no peak at the poles. The rest is
+    scaled up for the degrees of freedom that the fit takes.
     """
     if _decay_fraction(data, poles) < _HARDLY:
         return FreeDecay([], [], explains_most=False, explains_all=False)

@@ -106,9 +106,9 @@ def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> 
 
 
 def _needed_datasets(shapes: Shapes, wanted: set[str]) -> set[str]:
-    """Names of the datasets to load: those in `wanted` that exist, and in clear cases all numeric datasets.
+    """Names of the datasets to load: those in `wanted` that exist, and all numeric ones if it is clear that they are meant.
 
-    The latter are added if `wanted` holds no name, or at most a single numeric dataset lies beside the wanted ones.
+    It is clear if `wanted` holds no name but "", or if the file has at most one numeric dataset besides the wanted ones.
     """
     named = {name for name in shapes if name in wanted}
     numeric = {name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"}

@@ -50,7 +50,7 @@ def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -
 
 
 def _mark(path: Path, options: ReadOptions) -> FileVersion:
-    """Key of a file's content and of the way it is read."""
+    """Key of a file's content and of the way it is read: absolute path, time of change, size and options."""
     stamp = path.stat()
     return path.absolute(), stamp.st_mtime_ns, stamp.st_size, options
 

@@ -151,17 +151,18 @@ def _require_no_dates(described: str, times: FloatArray, scale: float, options: 
 
 
 def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
-    """Indices (from 0) of the columns named in `wanted`, each by its name, with or without unit, or else by its number.
+    """Indices (from 0) of the columns named in `wanted`, in its order; an entry that is no name of a column is its number.
 
     Parameters
     ----------
     path : Path
         File, named in errors.
     wanted : sequence of str or int
+        Names, with or without the unit in brackets, or numbers.
     names : sequence of str
         Headers of all columns.
     numbers : sequence of int
-        Numbers of these columns in the file.
+        Number of each of these columns in the file.
 
     Raises
     ------

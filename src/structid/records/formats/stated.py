@@ -235,9 +235,9 @@ def _key(where: tuple[str, ...], array: tuple[str, ...]) -> str:
     """Plain name of a statement about the array, such as ``fs``, ``units`` or ``dt``; "" if it is about something else.
 
     `where` and `array` are the paths of both in the file, in parts. A statement is about the array if it is an attribute of the
-    array, or stands in the same group or in one around that. Its plain name is the last part, in small letters and no others;
-    ``units`` for the array's name followed by "unit" or "units". Of an attribute ``quantity/label`` the name is ``unit``, of
-    ``xvalues/increment`` ``dt``.
+    array, or stands in the same group or in one around that. Its plain name is the last part in small letters, without digits
+    and marks, but ``units`` if that is the array's name with "unit" or "units" behind it. The plain name of ``quantity/label``
+    is ``unit``, that of ``xvalues/increment`` ``dt``.
     """
     plain = tuple(_plain(part) for part in where)
     if where[:-1] == array[: len(where) - 1]:
@@ -324,9 +324,10 @@ def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], op
 def _require_rate(
     path: Path, name: str, key: str, value: np.ndarray, n_points: int, rate: float, of_times: tuple[float, ...]
 ) -> None:
-    """Raise `InputError` if a rate (Hz), a step (s) or the times of the samples contradict the sampling rate in Hz.
+    """Raise `InputError` if a rate (Hz), a step (s) or the times of the samples contradict the sampling rate `rate` in Hz.
 
-    `key` is the plain name of the statement `name`, `value` what it says, and `n_points` the number of samples.
+    `key` is the plain name of the statement `name`, `value` what it says, and `n_points` the number of samples. `of_times` are
+    the units, in s, that times may have: one of them must fit. Any other statement passes.
     """
     numbers = np.ravel(value).astype(float)
     if key in _TIMES and numbers.size == n_points > 2 and numbers[-1] > numbers[0]:

@@ -50,7 +50,8 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
         FRFs with `decay` set. `variance` is E|error|^2: that of the noise, plus the error of a finite number of lines,
         estimated from the part of the kernel beyond either end of the band and from the difference to every second line;
         the error is at least `SMALLEST_ERROR` of the value. Lines where no channel has a relative error below
-        `LARGEST_ERROR` are left out; single values above it get a very large variance.
+        `LARGEST_ERROR` are left out; single values above it get a standard deviation of 100 times the error, or of 100 times
+        the value if that is larger.
 
     Raises
     ------
@@ -142,7 +143,8 @@ def _subsets(record: FrfRecord) -> tuple[IntArray, IntArray, IntArray]:
 def _average_lines(record: FrfRecord, ratio: float) -> FrfRecord:
     """`record` averaged over groups of neighbouring lines much narrower than the decay, for a faster Poisson integral.
 
-    `ratio` is the smallest ratio of decay to |s| among the new lines.
+    `ratio` is the smallest ratio of decay to |s| among the new lines. A group spans 1/8 of it in ln omega, or 1/250 if that is
+    less; the variance of its mean is that of independent errors.
     """
     per_unit = max(_MEANS_A_DECAY / ratio, _FEWEST_MEANS)
     stretch = np.floor(per_unit * np.log(record.omega / record.omega[0]))
