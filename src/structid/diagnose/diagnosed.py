@@ -53,7 +53,8 @@ def without_causes(
 def noise_level(chi_square: float, ratio: float) -> Cause:
     """The cause that the noise has `ratio` times the standard deviation that was stated or assumed.
 
-    `chi_square` is that per degree of freedom with the stated noise.
+    `chi_square` is chi-square per degree of freedom with the stated noise. As the part of the misfit that it removes the cause
+    gets all above 1.
     """
     words = f"the noise is {ratio:.3g} times what was stated or assumed"
     share = 1.0 - 1 / chi_square if chi_square > 1 else 0.0

@@ -39,10 +39,10 @@ class FixedValueSensitivity:
     distance : (n_params,) float array
         Change of each parameter, in its standard deviations, where the fixed value is 1 % larger.
     pull, pull_std : float
-        By what part of itself the record would change it were it free as well, and the deviation of that; NaN where the
-        record does not tell.
+        Relative change of the fixed value that the record asks for, were it a parameter too, and the standard deviation of
+        this change; NaN where the record does not tell.
     tolerance : float
-        Standard deviation that the answer allows it, in parts of its value.
+        Standard deviation that the answer allows the fixed value, in parts of that value.
     clock_pull : float
         For a fixed stiffness, by what part the record would change all fixed stiffnesses by one factor, where nothing else
         that is fixed explains more: a clock that is off has the same effect. NaN elsewhere.

@@ -34,7 +34,7 @@ class FrfView:
     Attributes
     ----------
     problem : FrfProblem
-        Of the lines themselves.
+        FRF problem on the record's lines, without smoothing.
     smooth : dict of float to FrfRecord or None
         Smoothed data by their decay, as far as they were asked for; shared by views of the same data.
     chosen : (n,) float array, optional

@@ -76,10 +76,11 @@ class AddPart:
     Attributes
     ----------
     table : str
-        Its type as a study calls it, such as ``spring`` or ``rigid_link``.
+        Type of the element set or tie as a study calls it, such as ``spring`` or ``rigid_link``.
     entry : mapping
-        Arguments of the type, which are the keys of its table.
+        Arguments of the type, which are the keys of its table in a study.
     record : int, optional
+        Position of the only record whose structure gets the part; None for all.
     """
 
     table: str
@@ -579,7 +580,7 @@ class SeparateElement:
         Such as ``girder:2`` or ``girder``.
     property_name : str
     start : float
-        Of the factor.
+        Value at which the factor starts.
     count : int
         Elements of the set.
     nominal : mapping of str to tuple of float

@@ -64,7 +64,7 @@ class Receptances:
     channel_values : (n_channel_params,) float array
         Parameters of the record's channels.
     frf : (n_lines, n_outputs, n_inputs) complex array
-        As the record has it, errors of channels included.
+        FRFs of the model in the kind of the record, errors of channels included.
     """
 
     problem: FrfProblem

@@ -74,9 +74,9 @@ class Point:
     residual : (n_rows,) float array
         Whitened, of all records, then of priors.
     basis : (n_rows, n_basis) float array
-        Orthonormal: what the parameters can follow, and fixed values within their tolerances.
+        Orthonormal basis of what the parameters, and fixed values within their tolerances, can follow of a residual.
     weights : (n_basis,) float array
-        What part of each of these they take: 1 of those of parameters; see `damped_basis`.
+        Part of a residual along each basis vector that is followed: 1 along those of parameters; see `damped_basis`.
     undamped : collection of int
         Positions of the records that say nothing of damping.
     """

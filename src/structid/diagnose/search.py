@@ -83,13 +83,13 @@ class Explanation:
     causes : tuple of FittedModel
         Accepted changes, the likeliest first; those within `ALIKE` of the first cannot be told from it.
     criteria : tuple of float
-        Of each cause: chi-square over its scale plus a price for each parameter.
+        Criterion of each cause: chi-square of its fit over a scale common to all, plus a price for each parameter.
     tried : int
         How many candidates there were.
     near : tuple of FittedModel
         Changes, accepted or not, within `ALIKE` of the likeliest model; the unchanged model may be that one.
     further : Explanation, optional
-        Of what the first cause leaves.
+        Explanation, by second causes, of the misfit that the first cause leaves.
     better : FittedModel, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
     spent : Expense

@@ -42,7 +42,7 @@ class Disagreement:
         The parameter that differs most.
     values : (float, float)
     distance : float
-        Its difference in standard deviations of the difference.
+        Difference of the two values of this parameter, in standard deviations of the difference.
     share : float
         Part of the parameters, those of damping aside, that differ beyond chance.
     unit : str

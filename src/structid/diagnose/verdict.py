@@ -116,7 +116,7 @@ class Cause:
     share : float
         Part of the misfit that it removes.
     chi_square_per_dof : float
-        That is left, data that it leaves out included with larger errors.
+        Chi-square per degree of freedom that is left; data that the change leaves out are included, with larger errors.
     found : tuple of (str, float, str)
         Parameters that it adds: name, value, unit.
     moved : tuple of ParameterShift
@@ -128,7 +128,7 @@ class Cause:
     study : str
         Name of the study that is written with it; "" where there is none.
     lines : tuple of str
-        In which that differs, with + or - before each.
+        Lines in which that study differs from the present one, with + or - before each.
     rest_per_dof : float
         Where it leaves data out: chi-square per degree of freedom of the others alone.
     leaves_noise : bool

@@ -41,7 +41,7 @@ class DeckParameter:
         Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.002 for
         FRFs, 0.5 for matrices.
     bounds : (float, float), optional
-        Beyond which the solver is never asked.
+        Least and greatest value that the solver is asked for.
     at : float, optional
         Where differences of modes or FRFs are taken; the nominal value by default.
     """

@@ -38,16 +38,16 @@ class Expansion:
     Attributes
     ----------
     coefficients : mapping of Powers to (n_numbers,) float array
-        Of powers of value over reference.
+        Coefficients of powers of each parameter's value over its reference.
     references : mapping of str to float
     orders : mapping of str to int
         Highest power of each parameter.
     crossed : tuple of (str, str)
         Parameters that are multiplied with each other.
     error : float
-        Largest difference at the points that verify it, relative to the size of the numbers.
+        Largest difference from the numbers at the points that verify the sum, relative to the size of each number.
     n_points : int
-        Points that it took.
+        Number of points at which the numbers were evaluated.
     """
 
     coefficients: Mapping[Powers, FloatArray]

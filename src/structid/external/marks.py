@@ -61,7 +61,7 @@ class CardField:
     field : int
         As the manual counts: 1 is the name, 2 to 9 stand on the first line, 12 to 19 on the next.
     id : int or str, optional
-        What field 2 holds, such as the number of the material; not needed where there is one card of the name.
+        Content of field 2, such as the number of the material; not needed where only one card has the name.
     """
 
     card: str

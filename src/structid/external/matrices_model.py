@@ -147,7 +147,7 @@ class _Pattern:
     codes_by_kind : mapping of str to int array
         Codes of node and component of each kind of matrix, sorted.
     codes : (n_dofs,) int array
-        Of all kinds.
+        Codes of node and component of all kinds of matrix together.
     entries : (n_entries,) int array
         (Number of the kind times n_dofs plus column) times n_dofs plus row; what a further run adds is at the end.
     """

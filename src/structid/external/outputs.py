@@ -143,11 +143,11 @@ class RunModes:
     dofs : (n_dofs, 2) int array
         Node and component (1 to 6) of each row.
     values : (n_dofs, n_modes) float array
-        In the length unit of the solver.
+        Mode shapes in the columns, with lengths in the unit of the solver.
     has_mass : bool
         Whether modal masses are 1 in the units of the solver; otherwise the scale of each shape is free.
     rounding : float
-        Of printed shapes, as a part of their size.
+        Rounding of the numbers of shapes as printed, as a part of the size of a shape.
     """
 
     frequency: FloatArray

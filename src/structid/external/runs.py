@@ -55,7 +55,8 @@ class Solver:
     ----------
     deck : Deck
     command : str
-        With ``{deck}``, ``{stem}`` (without the suffix) and ``{study}`` (folder of the study file); no shell reads it.
+        Command with ``{deck}`` (name of the deck's file), ``{stem}`` (that without the suffix) and ``{study}`` (folder of the
+        study file); no shell reads it.
     folder : Path
         Where runs are kept.
     study : Path

@@ -38,16 +38,16 @@ class MergedModes:
     members : (n_setups, n_modes) int array
         Number (from 0) of the mode in every set-up; -1 where a set-up lacks it.
     frequency, damping_ratio : (n_setups, n_modes) float arrays
-        Of every set-up, Hz and 1; NaN where a set-up lacks the mode.
+        Frequency in Hz and damping ratio that every set-up gives; NaN where a set-up lacks the mode.
     frequency_spread : (n_modes,) float array
         Standard deviation over the set-ups, Hz.
     scatter : (2 n_modes,) float array
         Standard deviation between set-ups of the frequencies (Hz), then damping ratios, beyond that of each set-up.
     chi_square : (n_modes,) float array
-        Of the frequencies about their weighted mean, one degree of freedom less than set-ups that state a deviation;
-        NaN where fewer than two do.
+        Sum of the weighted squares of the frequencies about their mean, with one degree of freedom less than there are
+        set-ups that state a deviation; NaN where fewer than two do.
     probability : (n_modes,) float array
-        Of a larger chi-square, if the set-ups saw one and the same structure.
+        Probability of a larger chi-square, if the set-ups saw one and the same structure.
     """
 
     modes: ModalRecord
@@ -195,7 +195,8 @@ def pair_worth(
 ) -> tuple[FloatArray, FloatArray]:
     """MAC of all pairs of modes over the references, and the worth of each pair; (n_first, n_second) each.
 
-    `shared` are the reference sensors. The worth is MAC / (1 + (log(f / f_1) / guard)^2).
+    `shared` are the reference sensors. The worth is MAC / (1 + (log(f / f_1) / guard)^2), with f and f_1 the frequencies of the
+    two modes and the natural logarithm; it is 0 where no reference is known.
     """
     likeness = np.nan_to_num(mac(_rows(first, shared), _rows(second, shared)))
     return likeness, pairing_worth(likeness, first.frequency, second.frequency, guard)

@@ -89,7 +89,7 @@ class LeftOut:
     n_poles : int
         How many poles of all orders.
     probability : float
-        That they are a mode (`mode_probability`); NaN where it is not known.
+        Probability that the poles are a mode (`mode_probability`); NaN where it is not known.
     reason : str
     """
 

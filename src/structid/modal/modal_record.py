@@ -31,7 +31,7 @@ class ModalChanges:
     frequency, damping_ratio : (n_changes, n_modes) float arrays
         Hz and 1.
     mode_shapes : (n_changes, n_channels, n_modes) complex array
-        Of shapes with one entry held.
+        Changes of shapes whose largest entry is held.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class ModalRecord(Shown):
     channels : tuple of Dof
         Where the rows of `mode_shapes` were measured.
     covariance : (2 n_modes, 2 n_modes) float array, optional
-        Of all frequencies (Hz), then all damping ratios. None where the method gives none.
+        Covariance of all frequencies (Hz), then all damping ratios. None where the method gives none.
     shape_std : (n_channels, n_modes) float array, optional
         Standard deviation of every entry of `mode_shapes`, of its real part for complex ones; NaN where it is unknown.
     changes : ModalChanges, optional
@@ -208,7 +208,7 @@ class ModalRecord(Shown):
 
     @property
     def frequency_std(self) -> FloatArray:
-        """The first half of `std`, Hz."""
+        """Standard deviations of the frequencies, Hz, (n_modes,); NaN where there are none."""
         return self.std[: self.n_modes]
 
     @property

@@ -71,7 +71,7 @@ class StationaryValues:
         What the exact form next to a symmetric one gives: its gaps between frequencies are not widened. The
         eigenvalues themselves for the other forms.
     gram_eigenvalues : (n_channels,) float array
-        Of A over the largest, after translations and rotations are each brought to unit root mean square.
+        Eigenvalues of A = <y y'> over the largest, after translations and rotations are each brought to unit root mean square.
     motion : FreeMotion
     """
 
@@ -474,7 +474,7 @@ class FreeMotion:
     derivative : (n_rows, n_channels) float array
         Its time derivative, or its negative second one (measured, or the second difference of y).
     weights : (n_rows,) float array
-        Of each row in averages over time by the rule asked for; their sum is about 1.
+        Weight of each row in averages over time by the rule asked for; the sum is about 1.
     smooth_weights : (n_rows,) float array
         The same by ``gregory``, the most exact rule.
     ends : (n_channels, n_channels) float array
@@ -482,7 +482,7 @@ class FreeMotion:
     inner, curvature : (n_inner, n_channels) float arrays
         y, and its negative second derivative at the same instants: measured, or by differences of samples.
     duration : float
-        Of the longest record, s.
+        Length of the longest record, s.
     step : float
         Sampling step in s (of the first record).
     """

@@ -26,7 +26,7 @@ class ShapeQuantity:
     Attributes
     ----------
     value : float array
-        Of the shapes as measured.
+        The numbers for the shapes as measured.
     std : float array
         Standard deviation; NaN where the shapes have none. Up to twice too large where the truth is at its limit (a MAC of 1).
     noise_effect : float array

@@ -62,7 +62,7 @@ def _module(chapter: int) -> ModuleType:
 
 
 def _chapter_progress(progress: Progress | None, index: int, count: int) -> Progress | None:
-    """Progress of one chapter as a part of all of them."""
+    """Progress of one chapter, number `index` (from 0) of `count`, as a part of all of them; None without `progress`."""
     return progress and (lambda name, done: progress(name, (index + done) / count))
 
 
@@ -113,6 +113,7 @@ class Curve:
     label : str
     x, y : (n_points,) float arrays
     low, high : (n_points,) float arrays, optional
+        Lower and upper edge of the band; None for a line without one.
     """
 
     label: str

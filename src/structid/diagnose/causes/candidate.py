@@ -31,9 +31,9 @@ class Candidate(metaclass=ABCMeta):
     strengths : (n,) float array
         Those that are tried, in the unit of what changes; 0 is no change.
     bounds : (float, float)
-        Between which a strength makes sense.
+        Least and greatest strength that makes sense.
     record : int, optional
-        Position of the only record that it changes.
+        Position of the only record that is changed; None if all are.
     """
 
     #: Its kind, and what results call that.

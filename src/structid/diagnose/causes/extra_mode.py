@@ -24,7 +24,7 @@ class ExtraMode(Candidate):
     Attributes
     ----------
     mode : int
-        Its position in the record.
+        Position of the mode in the record, from 0.
     others : tuple of int
         Numbers of the modes that stay, from 1.
     """

@@ -97,9 +97,10 @@ def moved_elements(receptances: Receptances) -> Iterator[tuple[ElementMatrix, tu
 
 
 def summed(items: Sequence[ElementMatrix]) -> ElementMatrix:
-    """The sum of several element matrices over all of their degrees of freedom, with the data of the first.
+    """The sum of several element matrices over all of their degrees of freedom; all else is that of the first.
 
-    Its `property` is their kind, such as ``stiffness``, if theirs differ; `items` must not be empty.
+    Where the matrices are of different properties, `property` of the sum is the kind of the first, such as ``stiffness``.
+    `items` must not be empty.
     """
     first, *more = items
     if not more:
@@ -128,9 +129,9 @@ class Factored(NamedTuple):
 def factored(
     receptances: Receptances, element_matrix: ElementMatrix, most_directions: float = np.inf
 ) -> Factored | None:
-    """An element matrix as D D' with the directions D in which it acts; None where D does not move or is too wide.
+    """An element matrix as D D' with the directions D in which it acts; None if no part of D can move or D is too wide.
 
-    It is too wide with more than `most_directions` columns. D has one column for each eigenvalue that is not zero.
+    D is too wide with more than `most_directions` columns, one for each positive eigenvalue of the matrix.
     """
     size, vectors = np.linalg.eigh(element_matrix.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)

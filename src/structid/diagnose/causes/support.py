@@ -38,7 +38,7 @@ class Support(Candidate):
     driven : tuple of int
         Positions of the records whose input is at the support.
     loss_factor : float, optional
-        Of the spring in its place, where that has one of its own.
+        Loss factor of the spring that takes the place of the support, as an unknown of its own; None without one.
     """
 
     kind: ClassVar[str] = "support"

@@ -35,7 +35,7 @@ class ResonancePair:
     measured, model : float
         Hz; NaN where one has no match.
     mac : float
-        Of their shapes at sensors and loads; NaN where one is missing.
+        MAC of the two shapes at sensors and loads; NaN where one is missing.
     """
 
     measured: float

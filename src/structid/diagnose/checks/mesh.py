@@ -49,15 +49,16 @@ class MeshErrors:
     ----------
     structure : Structure
     number : (n_judged,) int array
-        Of each mode in the band, from 0.
+        Number of each mode in the band among all modes of the model, from 0.
     frequency, damping_ratio : (n_judged,) float arrays
-        With the elements as they are, Hz and 1; ratios are at least 0.001, and 0.01 where there is no damping.
+        Of these modes, with the elements as they are, in Hz and 1; ratios are at least 0.001, and 0.01 without damping.
     error, order : (n_judged,) float arrays
-        Relative, positive where the frequency is too high; and the power of the element length that it goes with.
+        Relative error of each frequency, positive where it is too high; and the power of the element length to which the error
+        is proportional.
     passed_over : (n_lost,) float array
-        Hz: modes of the refined model in the band that these elements do not have.
+        Frequencies, Hz, of modes of the refined model in the band that match no mode of the present one.
     deviation : float
-        Relative, the least of measured frequencies; infinite where none are measured.
+        Least relative standard deviation of the measured frequencies; infinite where none are measured.
     """
 
     structure: Structure

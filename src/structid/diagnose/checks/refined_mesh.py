@@ -76,9 +76,10 @@ class RefinedStructure:
     ----------
     structure : Structure
     values : (n_values,) float array
-        Of its properties.
+        Property values of this structure.
     inside : mapping of int to int
-        What it calls the nodes inside the elements of the structure that it was made from; others keep their labels.
+        Labels in this structure of the nodes that were inside elements of the original one, by their labels there; other
+        nodes keep their labels.
     """
 
     structure: Structure

@@ -178,7 +178,7 @@ def _canonical_column(cell: str) -> _Word:
 
 
 def _word_or_cell(cell: str) -> str:
-    """The module's word for a column; the cell itself where its unit is not known."""
+    """The module's word for a column with the header `cell`; the text itself for a column in a unit that is not known."""
     try:
         return _canonical_column(cell).name
     except InputError:

@@ -288,7 +288,7 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 
 
 def _is_lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
-    """Mask (n_modes,) of the poles that left the band or the criteria during the fit."""
+    """Mask (n_modes,) of the poles that left the edges of the band or the range of damping ratios during the fit."""
     size = np.abs(at.poles)
     frequency, (low, high) = size / (2 * np.pi), band.edges
     inside = replace(options.criteria, frequency=(0.0, np.inf)).meets(frequency, -at.poles.real / size)

@@ -117,9 +117,9 @@ class OutputBlock:
     basis : (n_rows, n_own) float array
         Orthonormal columns that span the output's own terms.
     triangle : (n_own, n_own) float array
-        The own terms are `basis` times it.
+        The regressors of the own terms are `basis` times this upper triangle.
     shared : (n_own, n_unknowns) float array
-        What the output's own terms take of the derivatives, in `basis`.
+        Coefficients, in `basis`, of the part of the derivatives that the own terms follow and `slope` leaves out.
     """
 
     own: FloatArray

@@ -40,7 +40,7 @@ def terms(
     laplace : (n_lines,) complex array
         1/s, nowhere 0.
     poles : (n_modes,) complex array
-        In the upper half plane.
+        In the upper half plane, rad/s.
     participation : (n_inputs, n_modes) complex array
     power : int
         0, 1 or 2 for receptance, mobility or accelerance.
@@ -50,7 +50,8 @@ def terms(
     Returns
     -------
     (n_lines, n_inputs, 2 n_modes + n_outside n_inputs) complex array
-        Their real unknowns: all Re phi, all Im phi, then power by power that of every input.
+        The last axis are the unknowns, which are real: Re phi of all modes, Im phi of all modes, then for each power of s the
+        coefficient of every input.
     """
     here, there = _fractions(laplace, poles, power)
     a, b = here[:, None, :] * participation, there[:, None, :] * participation.conj()

@@ -35,9 +35,13 @@ class FrfModes:
     residuals : (n_lines, n_outputs, n_inputs) complex array
         Weighted data less model.
     covariance : (n_unknowns, n_unknowns) float array
-        Of the nonlinear unknowns in the order of `at.free`.
-    through, cross, own : arrays (n_outputs, 2 n_modes, n_unknowns), the same, (n_outputs, 2 n_modes, 2 n_modes)
-        A_o, the covariance of P_o e_o with the nonlinear unknowns, and that of P_o e_o.
+        Covariance of the nonlinear unknowns, in the order of `at.free`.
+    through : (n_outputs, 2 n_modes, n_unknowns) float array
+        A_o of each output: the negative derivative of its Re phi, then Im phi, by the nonlinear unknowns.
+    cross : (n_outputs, 2 n_modes, n_unknowns) float array
+        Covariance of P_o e_o, which the errors of the output make of its shape entries alone, with the nonlinear unknowns.
+    own : (n_outputs, 2 n_modes, 2 n_modes) float array
+        Covariance of P_o e_o.
     """
 
     at: PolesAndParticipation
@@ -84,7 +88,7 @@ def frf_modes(
         Squares of the residual stand for the variance, value by value, each over the square of the part that the model
         does not take up (HC3); otherwise weights are right and the variance of every weighted value is 1.
     widening : (n_outputs,) float array
-        By which all variances of an output's errors are multiplied (`correlation_excess`).
+        Factor on all variances of an output's errors (`correlation_excess`); 1 by default.
     """
     n = len(at.poles)
     blocks = list(output_blocks(data, at))

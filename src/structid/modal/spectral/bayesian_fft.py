@@ -262,9 +262,9 @@ class Posterior:
     modes : BandModes
         Most probable.
     covariance : (2 m, 2 m) float array
-        Of all frequencies (Hz), then all damping ratios; NaN where the data do not determine them.
+        Covariance of all frequencies (Hz), then all damping ratios; NaN where the data do not determine them.
     shape_covariance : (m, n_channels, n_channels) float array
-        Of each shape of unit norm; singular along the shape itself, which the norm fixes.
+        Covariance of each shape of unit norm; singular along the shape itself, since the norm is fixed.
     converged : bool
         Whether a last Newton step would change no coordinate by 1e-4 of its standard deviation.
     """

@@ -53,11 +53,11 @@ class DecayFit:
     amplitudes : tuple of (n_modes, n_channels) complex arrays
         a_k of every record at its first sample, in the scaled unit of `ScaledMotion`.
     pole_covariance : (2 n_modes, 2 n_modes) float array
-        Of all Re s, then all Im s.
+        Covariance of all Re s, then all Im s, of the poles, 1/s^2.
     slopes : tuple of (2 n_modes, n_modes, n_channels) complex arrays
         Derivative of the amplitudes by Re s and Im s.
     amplitude_covariance : tuple of (n_modes, 2, 2) float arrays
-        Of (Re a, Im a) at known poles, for sigma_c = 1.
+        Covariance of (Re a, Im a) of each mode and record at known poles, for noise sigma_c of 1.
     noise : (n_channels, n_modes) float array
         sigma_c as the residual shows it around each mode's frequency, scaled.
     """

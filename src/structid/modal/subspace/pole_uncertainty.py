@@ -36,7 +36,7 @@ _OVERFLOW = 300.0  # exponent of a growing pole
 
 @dataclass(frozen=True, eq=False)
 class SingularVectorChanges:
-    """Changes of G seen through its singular vectors, scaled so that covariances are plain sums over them.
+    """Changes d_b of the subspace matrix G = U S V', seen through its singular vectors; covariances are sums over b.
 
     Attributes
     ----------

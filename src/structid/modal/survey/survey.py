@@ -104,8 +104,8 @@ class ModesResult(Shown, ModesPlots):
     tones : tuple of Tone
         What `ModesOptions.remove_tones` took off; of several set-ups those of each.
     kurtosis : (n_modes,) float array
-        Of the signal in a narrow band, median over the channels: 1.5 for a pure tone, 3 for a mode under random forces;
-        NaN where damping leaves no doubt.
+        Kurtosis of the signal in a narrow band at each mode, median over the channels: 1.5 for a pure tone, 3 for a mode under
+        random forces; NaN where damping leaves no doubt.
     options : ModesOptions
         As asked for.
     provenance : Provenance

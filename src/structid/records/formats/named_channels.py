@@ -46,17 +46,17 @@ class NamedChannels:
     ----------
     path : Path
     names : tuple of str
-        Of every channel; may hold its unit in brackets.
+        Name of every channel, which may end with a unit in brackets.
     units : tuple of str
-        "" where the file says none beside the name.
+        Text of each channel's unit beside the name; "" where the file says none there.
     values : (n_times, n_channels) float array
         As the file has them; NaN where a sample is missing.
     rate, start : float
         Hz, and time of the first sample in s.
     numbers : tuple of int
-        By which `columns` may ask for each channel, from 1; columns of a table.
+        Number, from 1, by which the option `columns` may ask for each channel: that of its column in a table.
     lines : (int, int), optional
-        Of a table, that hold the names and the first samples.
+        Numbers, from 1, of the lines of a table that hold the names and the first samples.
     words : str
         How the file was understood.
     tells_all : bool

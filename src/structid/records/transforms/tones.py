@@ -42,19 +42,20 @@ class Tone:
     Attributes
     ----------
     channels : tuple of Dof
-        Of the record.
+        Channels of the record.
     units : tuple of str
-        Of the channels.
+        SI unit of each channel.
     frequency : float
         Mean over the record, Hz.
     lowest, highest : float
-        Of its frequency in the course of the record, Hz; both `frequency` for a steady tone.
+        Limits of the tone's frequency in the course of the record, Hz; both `frequency` for a steady tone.
     amplitude : (n_channels,) float array
         Root of twice the mean square: the amplitude of a steady tone, SI.
     variance_fraction : (n_channels,) float array
-        Part of the variance of each channel that it was.
+        Part of the variance of each channel that the tone made.
     kurtosis : float
-        Of its motion in a narrow band before it was taken off: 1.5 for a tone alone, 3 for a mode under random forces.
+        Kurtosis of the motion in a narrow band at the tone before it was taken off: 1.5 for a tone alone, 3 for a mode under
+        random forces.
     """
 
     channels: tuple[Dof, ...]
@@ -101,7 +102,17 @@ class TonesRemoved:
 
 @dataclass(frozen=True, eq=False)
 class _Phase:
-    """Phase of a tone: 2 pi f t and a cubic spline of it over the record."""
+    """Phase of a tone: 2 pi f t and a cubic spline of it over the record.
+
+    Attributes
+    ----------
+    frequency : float
+        f, Hz.
+    duration : float
+        Length of the record, s.
+    coefficients : (n,) float array
+        Coefficients of the spline, rad; empty for a steady tone.
+    """
 
     frequency: float
     duration: float
@@ -115,7 +126,7 @@ class _Phase:
     def spline(self, time: FloatArray, derivative: int = 0) -> FloatArray:
         """Phase in rad beside 2 pi f t at `time` (n_times,) in s, or its `derivative` of this order; 0 for a steady tone.
 
-        Times beyond the record take the value at its end.
+        Times before or after the record take the value at its start or end.
         """
         if not self.wanders:
             return np.zeros(len(time))
@@ -139,7 +150,7 @@ class _Phase:
         return replace(finer, coefficients=np.linalg.lstsq(_basis(time, finer), self.spline(time), rcond=None)[0])
 
     def multiple(self, factor: float) -> _Phase:
-        """Phase of a tone at `factor` times the frequency."""
+        """Phase of a tone whose frequency is `factor` times that of this one throughout the record."""
         return _Phase(factor * self.frequency, self.duration, factor * self.coefficients)
 
 

@@ -189,7 +189,8 @@ class GlobalAxes(NamedTuple):
     ----------
     dofs : tuple of Dof
     matrix : (n_channels, n_channels) float array, optional
-        What turns the channels, in their order, into these; None where they keep their values.
+        Matrix that turns the values of the channels of the file, in their order, into those of `dofs`; None where the values
+        stay as they are.
     words : str
         What was done.
     """

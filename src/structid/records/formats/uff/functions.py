@@ -43,7 +43,7 @@ class Characteristics:
     number : int
         Specific data type.
     exponents : (int, int)
-        Of length and force; they count where the type is general (1).
+        Exponents of length and of force in the unit; they count where the type is general (1).
     label : str
         Unit, "" where none is said.
     """
@@ -60,11 +60,11 @@ class Dataset58:
     Attributes
     ----------
     ordinal : int
-        Its number among the functions of the file, from 1.
+        Number of the dataset among the functions of the file, from 1.
     kind : int
         Function type.
     titles : str
-        Its five lines of text.
+        The five lines of text that head the dataset.
     response, reference : (int, int)
         Node and direction.
     is_even : bool
@@ -77,7 +77,7 @@ class Dataset58:
     values : (n_points,) float or complex array
         Ordinate, as the file has it.
     entities : (str, str)
-        Names beside the nodes of response and reference, "" where there is none: of a component, or of a channel.
+        Names, of a component or of a channel, that stand beside the nodes of response and reference; "" where there is none.
     """
 
     ordinal: int
