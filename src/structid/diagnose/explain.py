@@ -258,7 +258,10 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
 
 
 def _shifts(identification: Identification, base: FittedModel, fit: FittedModel) -> tuple[ParameterShift, ...]:
-    """Parameters of the answer with their values before and after a change, in order of distance, the largest first."""
+    """Parameters of the answer with their values before and after a change, the farthest first.
+
+    Distance is the change in standard deviations of the answer; intervals are those of the fit with the change.
+    """
     estimate, target = identification.estimate, fit.modified.target
     before, after, ends = base.values, fit.values, intervals_of(fit, identification.intervals.level)
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))

@@ -178,8 +178,8 @@ class AddNode:
     def _position(self, nodes: Mapping[Any, Any], key: Callable[[int], Any]) -> list[float]:
         """Coordinates, m, of the new node, as many as `nodes` has for each node.
 
-        `nodes` maps keys to coordinates, and `key` makes such a key of a node label. They are rounded if the node lies towards
-        another.
+        `nodes` maps keys to coordinates, and `key` makes such a key of a node label. The coordinates are rounded to six digits
+        if the node lies on the way towards another.
         """
         first = np.atleast_1d(np.asarray(nodes[key(self.beside)], dtype=float))
         moved = first + np.array(self.offset[: len(first)])

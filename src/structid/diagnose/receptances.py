@@ -33,9 +33,23 @@ MOST_LINES = 90
 
 
 class ElementMatrix(NamedTuple):
-    """Element matrix of one property: element set, number from 0, property, matrix and codes of its rows.
+    """Element matrix of one property, times the value of the property.
 
-    `row` is the place of the property among all values.
+    Attributes
+    ----------
+    element : str
+        Name of the element set.
+    number : int
+        Position of the element in the set, from 0.
+    property, kind : str
+        Name of the property, and its kind, such as ``mass``.
+    codes : (n,) int array
+        Codes of the degrees of freedom of the rows, below 0 for none.
+    matrix : (n, n) float array
+    loss : float
+        Loss factor of the element; 0 without one.
+    row : int
+        Position of the property's value among all values of the structure.
     """
 
     element: str

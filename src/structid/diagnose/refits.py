@@ -383,7 +383,7 @@ def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Mi
 
 
 def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: FittedModel) -> dict[str, float]:
-    """Physical values, by name, of those parameters of a changed model that the study has without the change."""
+    """Physical values, by name, of the parameters that a changed model has in common with the study as it is."""
     return {name: value for name, value in modified.values(theta).items() if name in base.modified.target.names}
 
 

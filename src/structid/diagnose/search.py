@@ -270,7 +270,10 @@ def _from_second(
 def _from_next(
     explanation: Explanation, second: Explanation, first: FittedModel, work: TaskExecutor, budget: SearchBudget
 ) -> Explanation | None:
-    """The pair of `first` with its best second cause, where it explains clearly more than `second`; None otherwise."""
+    """An explanation by `first` and the best second causes after it, if clearly better than `second`; None otherwise.
+
+    `second` has the second causes after another first one. None also where `_led_by` gives none.
+    """
     further = _beside(first, work, "second changes after the next, ", budget)
     return _led_by(explanation, first, further) if _is_better(further, second) else None
 

@@ -91,7 +91,11 @@ def processor_seconds() -> float:
 
 
 class Expense(NamedTuple):
-    """Effort, s, and processor time, s, that something took."""
+    """Effort and processor time of a piece of work, both in s.
+
+    Effort is the time that the work should take by its sizes alone (`iteration_effort`, `screening_effort`), so that it is
+    equal on all machines.
+    """
 
     effort: float = 0.0
     seconds: float = 0.0
@@ -117,11 +121,11 @@ class SearchBudget:
     Attributes
     ----------
     effort : float
-        Infinite where all is to be tried, however long it takes.
+        Limit of the effort, s, see `Expense`; infinite where all is to be tried, however long it takes.
     seconds : float
-        Processor time, infinite by default; where it ends a search, what was tried depends on the machine.
+        Limit of processor time, s, infinite by default; where it ends a search, what was tried depends on the machine.
     effort_begun, seconds_begun : float
-        Readings of `METER` and of `processor_seconds` at its beginning.
+        Readings of `METER` and of `processor_seconds` when the budget began; by default now.
     """
 
     effort: float = np.inf

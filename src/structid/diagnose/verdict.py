@@ -90,7 +90,7 @@ class ParameterShift:
     name, unit : str
     before, after : float
     interval : (float, float)
-        At 95 %, were the cause the truth.
+        Interval of the value after the change, were the cause the truth, at the probability of the answer's intervals.
     distance : float
         Change in standard deviations of the answer.
     """

@@ -67,7 +67,7 @@ class ScaledMotion:
 
 @dataclass(frozen=True)
 class RecordPiece:
-    """Samples `start` to `stop` - 1 of record number `record`, and their part of all windows."""
+    """Samples `start` to `stop` - 1 of record number `record` (from 0); `part` is their number over that of all windows."""
 
     record: int
     start: int

@@ -32,7 +32,10 @@ class AxialForce(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate axial force for each beam or bar set that has none; no candidates where there are more than six."""
+        """A candidate axial force for each beam or bar set that has none; no candidates where there are more than six.
+
+        The sets are those of the first record's structure, which must not be one-dimensional.
+        """
         structure = model.setups[0].structure
         slack = [
             one

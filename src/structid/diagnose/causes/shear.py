@@ -90,7 +90,10 @@ def _acts(structure: Structure, item: Property) -> bool:
 
 
 def _first_guess(structure: Structure, element: ElementSet, bending: str) -> float:
-    """A first guess of a set's shear stiffness, N, from its total length and the property `bending`, N m^2."""
+    """A first guess of a set's shear stiffness, N: its mean bending stiffness over `_SHEAR` times its squared total length.
+
+    `bending` names the property of bending stiffness, N m^2.
+    """
     ends = np.array([[structure.nodes[n] for n in pair] for pair in element.nodes.tolist()])
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
     return float(np.mean(vars(element)[bending]) / (_SHEAR * length**2))

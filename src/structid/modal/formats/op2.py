@@ -209,7 +209,11 @@ def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[
 
 
 def _generalized_masses(tables: list[_Table], words: _Words) -> dict[tuple[int | None, int], tuple[float, float]]:
-    """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from eigenvalue tables; subcase 0 if not stated."""
+    """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from the eigenvalue tables of a file.
+
+    Numbers are in the units of the model; the subcase is 0 if the file does not state one. Modes are numbered from 1, as in the
+    file.
+    """
     masses: dict[tuple[int | None, int], tuple[float, float]] = {}
     for table in tables:
         if table.name not in _EIGENVALUES:

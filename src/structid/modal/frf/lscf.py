@@ -40,18 +40,18 @@ _VALUES_AN_UNKNOWN = 4  # real ones of the FRFs, for each coefficient of the pol
 
 @dataclass(frozen=True, eq=False)
 class FrfBand:
-    """Lines of one band, each FRF scaled to size 1.
+    """Lines of one band, each FRF divided by a size of its output and one of its input.
 
     Attributes
     ----------
     laplace : (n_lines,) complex array
-        1/s.
+        s = decay + i omega, 1/s.
     values : (n_lines, n_outputs, n_inputs) complex array
-        Over `output_scale` and `input_scale`.
+        FRFs over `output_scale` and `input_scale`.
     variance : the same shape, or None
         E|error|^2 of `values`.
     output_scale, input_scale : (n_outputs,), (n_inputs,) float arrays
-        Units of the record.
+        The product of both for an output and an input has the unit of the FRF.
     power : int
         0, 1 or 2 for receptance, mobility or accelerance.
     """
@@ -65,7 +65,7 @@ class FrfBand:
 
     @property
     def edges(self) -> tuple[float, float]:
-        """Hz."""
+        """Frequencies of the first and the last line, Hz."""
         return float(self.laplace[0].imag / (2 * np.pi)), float(self.laplace[-1].imag / (2 * np.pi))
 
 
@@ -103,7 +103,7 @@ def frf_band(record: FrfRecord, low: float, high: float) -> FrfBand:
 
 @dataclass(frozen=True, eq=False)
 class PoleSweep:
-    """Poles of all orders, and the participation of the inputs, (n_inputs, n_poles) for each."""
+    """Poles of each model order in `sweep`, and the participation of the inputs in them, (n_inputs, n_poles) for each order."""
 
     sweep: tuple[Poles, ...]
     participation: tuple[ComplexArray, ...]

@@ -56,9 +56,17 @@ class FrfData:
 
 @dataclass(frozen=True, eq=False)
 class PolesAndParticipation:
-    """The nonlinear unknowns: (n_modes,) poles, and (n_inputs, n_modes) participation with one entry a mode held.
+    """The nonlinear unknowns of a fit of FRFs.
 
-    Modes where `fixed` is true, (n_modes,), stay as they are.
+    In each mode the participation of the input that has the largest is held, since it only scales the shape.
+
+    Attributes
+    ----------
+    poles : (n_modes,) complex array
+        In the upper half plane, rad/s.
+    participation : (n_inputs, n_modes) complex array
+    fixed : (n_modes,) bool array
+        True for modes whose pole and participation stay as they are.
     """
 
     poles: ComplexArray

@@ -191,7 +191,8 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
 def _band_warnings(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
     """Warnings on a frequency band whose modes are doubtful; an empty list if none is.
 
-    `number` (from 1) is that of the band in the words.
+    They are on a search that has not converged, values that the data do not determine, resonances of less than four lines, and
+    modes outside the band. `number` (from 1) is that of the band in the words.
     """
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
@@ -325,9 +326,9 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 
 
 def _shorten_step(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
-    """Step (size,) shortened to at most 1 in every coordinate, with frequencies and damping ratios inside `_limits`.
+    """The step from coordinates `x` (size,) shortened as a whole to at most 1 in every coordinate.
 
-    `x` (size,) are the coordinates at which `step` begins.
+    Its entries for frequencies and damping ratios are then cut off where these would leave `_limits`.
     """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes
@@ -408,7 +409,11 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Shapes (n_channels, n_places), principal directions of the lines nearest each place (Hz), kept distinct if possible."""
+    """Shapes (n_channels, n_places), principal directions of the lines nearest each place (Hz), kept distinct if possible.
+
+    The strongest direction is taken whose MAC with the shapes of all earlier places is below 0.9; the strongest of all if there
+    is none.
+    """
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:

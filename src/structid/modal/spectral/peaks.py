@@ -71,7 +71,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Band:
-    """A range of frequencies (Hz), and where in it the modes may be."""
+    """A range of frequencies from `low` to `high` (Hz), and frequencies `peaks` (Hz) where its modes may be, one for each."""
 
     low: float
     high: float

@@ -450,7 +450,17 @@ def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, dampin
 
 @dataclass(frozen=True, eq=False)
 class PoleChanges:
-    """Changes of the poles of modes (rad/s), (n_changes, n_modes), and of their shapes, (n_changes, n_channels, n_modes)."""
+    """Changes of the poles and shapes of modes, each change that of one deviation of the subspace matrix.
+
+    Attributes
+    ----------
+    spread : SingularVectorChanges
+        The deviations.
+    poles : (n_changes, n_modes) complex array
+        rad/s.
+    shapes : (n_changes, n_channels, n_modes) complex array
+        The parts along the shapes themselves mean nothing.
+    """
 
     spread: SingularVectorChanges
     poles: ComplexArray

@@ -24,7 +24,7 @@ _TOLD = (1 / 16, 1 / 4)
 
 
 class Rate(NamedTuple):
-    """Samples per second of an even clock; where times were rounded its relative error and the rounding in s, else 0, 0."""
+    """Sampling rate in Hz, its relative error, and the rounding of the times in s; the last two are 0 for exact times."""
 
     rate: float
     error: float

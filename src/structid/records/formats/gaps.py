@@ -17,7 +17,7 @@ from structid.records.quality.sample_faults import fill_missing, flagged_runs
 
 
 class GaplessSamples(NamedTuple):
-    """Samples without a gap, (n_times, n_channels), the time of the first in s, and words on what was done, or none."""
+    """Samples without a gap, (n_times, n_channels), the time of the first in s, and a note on filled samples, "" for none."""
 
     values: FloatArray
     start: float

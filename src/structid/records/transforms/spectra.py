@@ -372,7 +372,8 @@ def segment_transforms(
 ) -> Iterator[ComplexArray]:
     """Fourier transform (n_lines, n_channels) of each detrended and windowed segment of each record, not scaled.
 
-    `weights` (segment_length,) are those of the window; segments begin `step` samples apart.
+    Lines are those of `numpy.fft.rfft`, from 0 Hz to half the sampling rate. `weights` (segment_length,) are those of the
+    window; segments begin `step` samples apart, and `detrend` is taken off each.
     """
     from scipy.signal import detrend as without_trend
 

@@ -607,7 +607,10 @@ def _amplitude_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]
 
 
 def _tone_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]) -> FloatArray:
-    """Cosine and sine of the phase, each times the polynomials of the amplitude, (n_samples, n_columns)."""
+    """Cosines of the phase times each polynomial of the amplitude, then sines so, (n_samples, n_columns).
+
+    `time` (n_samples,) is in s; `degrees` are those of the polynomials in time and in frequency, see `_amplitude_degrees`.
+    """
     angle, terms = phase.at(time)[:, None], _amplitude_columns(time, phase, degrees)
     return np.concatenate([np.cos(angle) * terms, np.sin(angle) * terms], axis=1)
 

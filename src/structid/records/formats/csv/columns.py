@@ -499,7 +499,10 @@ def _match_pair(name: str) -> re.Match[str] | None:
 
 
 def _without_estimator(output: str, load: str) -> str:
-    """The sensor of a header without ``H1`` and the like before it, where a pair of degrees of freedom follows."""
+    """The sensor `output` of a header, without ``H1`` and the like before it if a degree of freedom follows there.
+
+    It stays as it is if `load` is no degree of freedom.
+    """
     bare = _ESTIMATOR.sub("", output, count=1)
     return bare if as_dof(bare) and as_dof(load) else output
 
