@@ -181,7 +181,7 @@ class Diagnosis(Shown):
     causes : tuple of Cause
         The likeliest first.
     suggestions : tuple of Cause
-        In their place where none explains the misfit: what lowers it most.
+        Changes that lower the misfit most, where none explains it and there are no causes.
     n_tried : int
         How many changes were held against the misfit; 0 where none were.
     sensitivities : tuple of FixedValueSensitivity

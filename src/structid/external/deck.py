@@ -36,14 +36,14 @@ class DeckParameter:
     value : float
         Nominal value, in the units of the deck.
     unit : str
-        For results and pages.
+        Unit of the value, for results and pages; ``1`` by default.
     step : float, optional
         Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.002 for
         FRFs, 0.5 for matrices.
     bounds : (float, float), optional
-        Least and greatest value that the solver is asked for.
+        Least and greatest value that the solver may be asked for; no limits by default.
     at : float, optional
-        Where differences of modes or FRFs are taken; the nominal value by default.
+        Value about which differences of modes or FRFs are taken; the nominal value by default.
     """
 
     name: str

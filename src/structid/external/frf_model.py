@@ -51,15 +51,15 @@ class FrfsOut(OneFile):
     Attributes
     ----------
     path : str
-        A file of FRFs as records are, or as Nastran punches them.
+        Name of the file in the folder of a run: FRFs in a format of records, or punched by Nastran.
     frequency : (n_lines,) float array
         Lines that are needed, Hz.
     outputs, inputs : tuple of Dof
         Channels that are needed.
     loads : tuple of Dof
-        What acts in each subcase of a punch file.
+        Unit load that acts in each subcase of a punch file, in ascending order of subcases.
     units : Units
-        Of a punch file.
+        Units of a punch file.
     """
 
     frequency: FloatArray

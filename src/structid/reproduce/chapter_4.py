@@ -87,7 +87,7 @@ class Reading:
     ----------
     label : str
     frequency : tuple of float
-        Of excitation, Hz.
+        Frequencies of excitation, Hz.
     outputs : tuple of str
         Sensors; the load is transverse at the tip.
     """
@@ -469,9 +469,10 @@ class Noise:
     Attributes
     ----------
     sensors : float
-        Of each sensor at each frequency, all independent.
+        Errors of the value of each sensor at each frequency, all independent.
     amplitude, frequency : float
-        Of the excitation at each frequency; the identification is given the nominal ones.
+        Errors of the amplitude and of the frequency of excitation, one at each frequency; the identification is given the
+        nominal ones.
     gain : float
         One error common to all sensors and frequencies.
     """

@@ -139,7 +139,7 @@ class RecordGain(Gain):
     sensor : str
         The only sensor of the record; "" where there are several.
     record_name : str
-        Of one record of several; else "".
+        Name of the record where there are several; else "".
     """
 
     kind: ClassVar[str] = "record_gain"

@@ -89,7 +89,7 @@ class DifferingElement(Differing):
     Attributes
     ----------
     nodes : tuple of int
-        Those of a mount.
+        Labels of the nodes of a mount; empty for an element.
     """
 
     kind: ClassVar[str] = "untied"

@@ -18,10 +18,10 @@ class LoggerFormat:
     Attributes
     ----------
     kind : str
-        As `structid.files.loggers` calls it.
+        Name of the format in `structid.files.loggers`.
     SUFFIXES : tuple of str
     extra : str
-        Of the installation that brings its library; "" where none is needed.
+        Extra of the installation of structid that brings the library of the format; "" where none is needed.
     words : str
         Name of such a file in messages.
     """
