@@ -247,8 +247,9 @@ def _worth_in(worth: Mapping[tuple[int, int], FloatArray], number: int, mode: in
 def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[Dof], guard: float) -> list[str]:
     """A warning, as a list of one text, on the modes that merging leaves out and why; an empty list if none is left out.
 
-    `members` (n_setups, n_modes) gives, for each set-up and merged mode, the number of the set-up's mode, from 0; `shared` are
-    the reference sensors, and `guard` is the logarithmic frequency distance at which a pair is worth half as much.
+    `members` (n_setups, n_modes) gives, for each set-up and merged mode, the number of the set-up's mode, from 0, or -1 if it
+    has none; `shared` are the reference sensors, and `guard` is the logarithmic frequency distance at which a pair is worth
+    half as much.
     """
     lost = []
     for number, (setup, own) in enumerate(zip(setups, members, strict=True)):
