@@ -141,7 +141,7 @@ def ran_away_warning(estimate: Estimate, index: int) -> str:
 
 
 def ran_away_remedy(estimate: Estimate, index: int) -> str:
-    """What to do about a parameter (at `index`) that ran away."""
+    """Remedy for a parameter (at `index`) that ran away, a clause without a full stop."""
     if is_gone(estimate, index):
         return "take it out of the model (a hinge, a free end), or give it a prior"
     return "check what holds it, give it bounds or a prior, or fix it"
