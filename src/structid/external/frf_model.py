@@ -298,8 +298,7 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Tas
         np.array([pairs[name].changes for name in names]),
         np.array([pairs[name].runs for name in names]),
     )
-    references = {key: steps.at[key] or 1.0 for key in names}
-    frfs = SolverFrfs(name, runs, model_parameters(solver, references))
+    frfs = SolverFrfs(name, runs, model_parameters(solver, steps.references))
     fact = (
         f"solver: {run_words(steps.counts)}; {len(out.frequency)} lines from {out.frequency[0]:.5g} to {out.frequency[-1]:.5g} Hz,"
         f" {len(out.outputs)} x {len(out.inputs)} FRFs; {steps.words}"

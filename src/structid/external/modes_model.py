@@ -308,7 +308,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
     shapes, centre = steps.centre, steps.at
     pairs = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in steps.pairs]
     small = tangent(f"shapes of {name}", _shapes_in_si(shapes, units), pairs)
-    references = {parameter.name: centre[parameter.name] or 1.0 for parameter in solver.deck.parameters}
+    references = steps.references
     parts = []
     for key, table in (("mass", small.mass), ("stiffness", small.stiffness)):
         about_zero: dict[Powers, FloatArray] = {}

@@ -80,6 +80,11 @@ class Differences(Generic[R]):
     counts: RunCounts
 
     @property
+    def references(self) -> dict[str, float]:
+        """Value of each parameter at the centre, 1 in place of 0, in which its powers are measured."""
+        return {pair.name: self.at[pair.name] or 1.0 for pair in self.pairs}
+
+    @property
     def words(self) -> str:
         """Words on the centre and on the largest step of each parameter."""
         steps = ", ".join(f"{one.name} {max(map(abs, one.changes)):.2g}" for one in self.pairs)
