@@ -119,13 +119,13 @@ def refine_mesh(
         return ready, _with_mesh_words(result, (fixed_mesh,), "", False)
     count = 1
     mesh = judge_pieces(ready.setups, drawn, options, count)
+    if not mesh.is_enough and not mesh.obstacle and mesh.needed > 2:
+        halved = _identified_in_halves(ready, drawn.estimate.goodness, mesh, progress, work)
+        if halved is not None:
+            words = kept_words(drawn, halved.identification, 2, mesh.needed)
+            return ready, _with_mesh_words(result, (words, fixed_mesh), "", True)
     while not mesh.is_enough and not mesh.obstacle:
         try:
-            if count == 1 and mesh.needed > 2:
-                halved = _identified_in_halves(ready, drawn.estimate.goodness, mesh, progress, work)
-                if halved is not None:
-                    words = kept_words(drawn, halved.identification, 2, mesh.needed)
-                    return drawn_study, _with_mesh_words(drawn_result, (words, fixed_mesh), "", True)
             study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
             finer = compare_with_models(study, setups)
             divided = run_prepared(finer, progress, work, mesh.finer_minimum)
