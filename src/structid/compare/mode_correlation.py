@@ -151,10 +151,10 @@ class ModesCorrelation:
         value, std, by_noise = np.full((3, self.measured.n_modes), np.nan)
         for i in self.pairing.paired.tolist():
             k = [int(self.pairing.number[i])]
-            of_model = ModalRecord(self.model.frequency[k], [np.nan], self.seen[:, k], self.measured.channels)
-            mac = mac_with_std(self.measured.some_modes([i]), of_model)
-            value[i] = mac.value[0, 0]
+            value[i] = self.pairing.mac[i, k[0]]
             if self._has_stated_errors(i):
+                of_model = ModalRecord(self.model.frequency[k], [np.nan], self.seen[:, k], self.measured.channels)
+                mac = mac_with_std(self.measured.some_modes([i]), of_model)
                 std[i], by_noise[i] = mac.std[0, 0], mac.noise_effect[0, 0]
         return ShapeQuantity(value, std, by_noise)
 
