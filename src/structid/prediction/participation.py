@@ -7,11 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.fem import Base, Structure
 from structid.prediction.linear_response import movable_supports
-from structid.prediction.quantities import Evaluator, NaturalModes, ReferenceModes, followed_modes, require_mode_count
+from structid.prediction.quantities import (
+    Evaluator,
+    NaturalModes,
+    ReferenceModes,
+    followed_modes,
+    mode_axes,
+    require_mode_count,
+)
 from structid.unknowns import Parameters
 
 AXES = ("X", "Y", "Z")
@@ -22,19 +29,19 @@ class ModalParticipation:
     """Participation factors and effective masses of the lowest modes under ground that moves along one axis, (n_modes, 3).
 
     With phi the shape of modal mass 1 and r the unit motion along the axis, the factor is |phi' M r| in kg^(1/2), the effective
-    mass its square in kg, the third column its part of r' M r, the mass that moves along. Where all of the mass moves with free
-    degrees of freedom, parts of all modes add up to 1; mass that stands on the supports is in no mode.
+    mass its square in kg, the third column its part of r' M r, the mass that moves along. That includes mass on the supports, which
+    is in no mode: the parts of all modes add up to 1 where there is none.
 
-    Close modes share their mass: a small change turns their shapes into each other, so that the mass of each has a wide band, and
-    only the sum over them is told.
+    Rows are modes in the order of the identified model, followed by their shapes as `NaturalModes` are. Close modes share their
+    mass: a small change turns their shapes into each other, so that each has a wide 95 % band, and only their sum is well
+    determined.
 
     Parameters
     ----------
     direction : {"X", "Y", "Z"}
     n_modes : int
-        Modes are followed as `NaturalModes` are.
     reference : ReferenceModes, optional
-        As of `NaturalModes`.
+        Modes whose order the rows have, as of the structure before a change; by default those of the structure itself.
 
     Raises
     ------
@@ -61,38 +68,32 @@ class ModalParticipation:
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """Function from physical parameters (n_params,) to factors, effective masses and parts, (n_modes, 3).
 
+        Modes are matched to those at the first of `points`, physical parameters (n_params,) each.
+
         Raises
         ------
         InputError
             If the structure has no modes; from the function, if no mass moves along the axis.
         """
         modes_at = followed_modes(structure, parameters, points, NaturalModes(self.n_modes, self.reference))
-        plain = replace(structure, damping_ratio=None)
-        held = [dof for dof in movable_supports(plain) if dof.direction == self.direction]
-        released = plain.release_supports((Base("ground", held),)) if held else plain
-        number_of = {code: index for index, code in enumerate(released.numbering.free)}
-        free = np.array([number_of[code] for code in structure.numbering.free], dtype=np.int64)
-        ground = np.array([float(dof.direction == self.direction) for dof in released.dofs])
+        released, rows, motion = _on_moving_ground(structure, self.direction)
+        n_values = len(released.values)  # damping ratios, which stand last, are left out
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Factor, effective mass and part of the mass of each mode, (n_modes, 3), at the physical parameters (n_params,)."""
-            pull = released.matrix("mass", parameters.values(physical)[: len(released.values)]) @ ground
-            total = float(ground @ pull)
-            if not total > 0:
+            mass_times_motion = released.matrix("mass", parameters.values(physical)[:n_values]) @ motion
+            total_mass = float(motion @ mass_times_motion)
+            if not total_mass > 0:
                 raise InputError(f"no mass moves along {self.direction}: ask for another direction")
-            shapes = modes_at(physical).mode_shapes
-            factor = np.abs(shapes.T @ pull[free])
-            return np.stack([factor, factor**2, factor**2 / total], axis=1)
+            factor = np.abs(modes_at(physical).mode_shapes.T @ mass_times_motion[rows])
+            return np.stack([factor, factor**2, factor**2 / total_mass], axis=1)
 
         return evaluate
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
         """See `Quantity.axes`."""
-        return {
-            "mode": tuple(str(number + 1) for number in range(self.n_modes)),
-            "value": ("participation factor", "effective mass", "part of the mass"),
-        }
+        return mode_axes(self.n_modes, "participation factor", "effective mass", "part of the mass")
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -103,3 +104,17 @@ class ModalParticipation:
     def unit(self) -> str:
         """Three units, one a column."""
         return ", ".join(self.units)
+
+
+def _on_moving_ground(structure: Structure, direction: str) -> tuple[Structure, IntArray, FloatArray]:
+    """The structure without damping ratios on ground that may move along `direction`, and a unit motion of the whole along it.
+
+    Also, between them, the positions (n_dofs,) of the degrees of freedom of `structure` among the n of the first. The motion (n,)
+    is 1 in the translations along `direction` and 0 elsewhere.
+    """
+    undamped = replace(structure, damping_ratio=None)
+    supports = [dof for dof in movable_supports(undamped) if dof.direction == direction]
+    released = undamped.release_supports((Base("ground", supports),)) if supports else undamped
+    position_of = {code: position for position, code in enumerate(released.numbering.free)}
+    rows = np.array([position_of[code] for code in structure.numbering.free], dtype=np.int64)
+    return released, rows, np.array([float(dof.direction == direction) for dof in released.dofs])

@@ -667,10 +667,7 @@ class NaturalModes:
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
         """See `Quantity.axes`."""
-        return {
-            "mode": tuple(str(number + 1) for number in range(self.n_modes)),
-            "value": ("frequency", "damping ratio"),
-        }
+        return mode_axes(self.n_modes, "frequency", "damping ratio")
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -681,6 +678,11 @@ class NaturalModes:
     def unit(self) -> str:
         """Two units, one a column."""
         return ", ".join(self.units)
+
+
+def mode_axes(n_modes: int, *columns: str) -> dict[str, FloatArray | tuple[str, ...]]:
+    """Axes of a table with a row for each of `n_modes` modes, counted from 1, and with the named `columns`; see `Quantity.axes`."""
+    return {"mode": tuple(str(number + 1) for number in range(n_modes)), "value": columns}
 
 
 def require_mode_count(n_modes: int) -> None:
