@@ -45,15 +45,16 @@ STUDY_PATH = "study_path.txt"
 
 @contextmanager
 def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
-    """Context manager: a temporary folder whose files move into `folder` when the block ends without an error.
+    """Context manager that yields a temporary folder, and moves its files into `folder` if no error ends the block.
 
-    On any error the temporary folder is removed, and an existing `folder` stays as it was. An old file of the name `page` in it
-    is removed if the block writes no new one, since it would tell of another run.
+    On any error the temporary folder is removed, and an existing `folder` stays as it was. Files of `folder` without a
+    new one of their name stay, except the old report called `page`, which would tell of another run.
 
     Raises
     ------
     FileError
-        If writing fails (disk full, no permission, a file in the way).
+        If `folder` is a file, another process writes to it, or writing fails (disk full, no permission, a file in the
+        way).
     """
     folder = Path(folder)
     require_no_file(folder)
@@ -78,8 +79,9 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
 def _move_into(temporary: Path, folder: Path, page: str) -> None:
     """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file.
 
-    `page` is the name of the report page, removed from `folder` if there is no new one. `FileError` if a link or a file is in
-    the way.
+    Files of the same names are replaced and others stay, except the report called `page`, which is removed if there is
+    no new one. `FileError` if `folder` has a link, or a file, where a folder goes, or a folder where a file goes;
+    nothing is moved then.
     """
     if not folder.exists():
         temporary.rename(folder)
@@ -101,10 +103,10 @@ def _move_into(temporary: Path, folder: Path, page: str) -> None:
 
 
 def write_results(result: StudyResult, folder: Path) -> None:
-    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`, and the way to the study file.
+    """Write estimate.json, estimate.h5, study.toml and the study file's relative path into the existing `folder`.
 
-    With too many parameters for a covariance matrix their table (CSV) is added, with a solver the updated deck. Equal results
-    give equal bytes, except for the path of the study.
+    With too many parameters for a covariance matrix their table (CSV) is added, with a solver the updated deck. Equal
+    results give equal bytes, except for the path of the study.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
@@ -125,9 +127,12 @@ def _relative_path(path: Path, folder: Path) -> str:
 
 
 def estimate_summary(result: StudyResult) -> dict[str, StoredEntry]:
-    """Content of estimate.json as a dictionary, in which numbers may still be NaN or infinite; the file has null for these.
+    """Content of estimate.json as a dictionary, in which numbers may still be NaN or infinite.
 
-    The keys are those of `_verdict`, `record_summaries`, `modal_summary` and the other parts, and those written out below.
+    The file has null for these. It holds the verdict, status, rank, misfit and search, the fit of each record, the
+    parameters with intervals (or, without a covariance matrix, those that changed most), model modes, resonances,
+    warnings and provenance. Some keys stand there only where they apply: ``polarities``, ``records``,
+    ``modal_records``, ``tolerances``, ``varied``, ``alternatives``, ``solver``.
     """
     view, answer = result.view, result.identification
     estimate, identifiability = answer.estimate, answer.estimate.identifiability
@@ -210,9 +215,10 @@ def _fixed_values(sensitivities: Sequence[FixedValueSensitivity]) -> dict[str, S
 
 
 def _tolerances(estimate: Estimate) -> dict[str, StoredEntry]:
-    """The entry ``tolerances``: each fixed value with its tolerance and the shift, in tolerances, that the data ask for.
+    """Dictionary with the entry ``tolerances``: name, kind, tolerance and requested change of each fixed value.
 
-    An empty dictionary if no tolerances were taken into account.
+    ``tolerance`` is a relative standard deviation, ``asked_in_tolerances`` the change that the data ask for as a
+    multiple of it. An empty dictionary if no tolerances were taken into account.
     """
     fixed = estimate.fixed
     if fixed is None:
@@ -226,7 +232,11 @@ def _tolerances(estimate: Estimate) -> dict[str, StoredEntry]:
 
 
 def _alternatives(sets: Alternatives | None) -> dict[str, StoredEntry]:
-    """The entry ``alternatives``: sets of values that fit the data equally well; {} where there is one set only."""
+    """Dictionary with the entry ``alternatives``: sets of parameter values that fit the data equally well.
+
+    {} for `sets` None. Each set has its values by parameter name, the sum of squares, and the number of searches that
+    ended there. ``deciding`` is the measurement that would decide between the sets; None if none is known.
+    """
     if sets is None:
         return {}
     rows = zip(sets.values, sets.cost, sets.n_searches, strict=True)
@@ -257,7 +267,11 @@ def reduction_summary(identification: Identification) -> dict[str, StoredEntry]:
 
 
 def varied_summary(identification: Identification) -> dict[str, StoredEntry]:
-    """The entry ``varied``: scatter of parameters that vary between records, and the value in each record; {} if none do."""
+    """Dictionary with the entry ``varied``: parameters that vary between records, with their scatter; {} if none do.
+
+    Each has the value in each record with its standard deviation, 95 % interval, deviation, p-value and whether it is
+    an outlier.
+    """
     if not identification.priors.varied:
         return {}
     index_of = {name: i for i, name in enumerate(identification.estimate.names)}
@@ -309,9 +323,10 @@ def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Store
 
 
 def record_summaries(fits: Sequence[RecordFit]) -> dict[str, StoredEntry]:
-    """The entry ``records`` with the fit of each record if there are several; else ``polarities`` if the data decided any.
+    """Dictionary with ``records``, the fit of each of several records.
 
-    An entry of ``records`` has ``name``, ``source``, ``polarities`` and the keys of `fit_summary`.
+    For one record, ``polarities`` if the data decided any, else {}. An entry of ``records`` has the record's name,
+    source, decided polarities of channels, and the statistics of its fit.
     """
     if len(fits) > 1:
         rows = [
@@ -389,7 +404,11 @@ def _parameter(parameter: ParameterResult) -> dict[str, StoredEntry]:
 
 
 def modal_summary(identification: Identification) -> dict[str, StoredEntry]:
-    """The entries ``modal_records`` and ``ratios`` of estimate.json; {} if no record holds modes."""
+    """Dictionary with ``modal_records`` and ``ratios`` of estimate.json; {} if no record holds modes.
+
+    ``modal_records`` has an entry for each record of modes; ``ratios`` has the parameters relative to a reference
+    parameter, or None where the identification gives no ratios.
+    """
     if not identification.modal_fits:
         return {}
     ratios = identification.mass.ratios
@@ -409,9 +428,10 @@ def modal_summary(identification: Identification) -> dict[str, StoredEntry]:
 
 
 def _record(fit: ModalFit) -> dict[str, StoredEntry]:
-    """The entry of one record of modes: each measured mode beside its partners in the initial and the fitted model.
+    """Entry of estimate.json on a record of modes: each measured mode, its pair in the initial and in the fitted model.
 
-    Modes are numbered from 1.
+    It has name, source, form of the shapes, channels, ``modes`` and ``unpaired_model_modes_hz``. Modes are numbered
+    from 1, both measured modes and those of the model.
     """
     problem = fit.problem
     sizes = {int(mode): len(group.members) for group in problem.data.groups for mode in group.members}

@@ -28,13 +28,14 @@ ESTIMATE_FORMAT = "structid estimate 1"
 
 
 def hdf5_bytes(result: StudyResult) -> bytes:
-    """Content of estimate.h5.
+    """Content of the file estimate.h5.
 
-    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``. The last four are repeated in ``record_2``,
-    ``record_3`` and so on for further records of responses; records of modes are in ``modal_record_1`` and so on. Units are
-    attributes. ``subdivide`` is the number of pieces into which each beam was cut. With very many parameters, posterior draws
-    stand in place of covariance matrices. The file is made in memory, so that a full disk shows as an ordinary error when the
-    bytes are written.
+    It is made in memory, so that a full disk shows as an ordinary error when the bytes are written. Groups are
+    ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``; the last four are of the first record of
+    responses, and repeated in ``record_2``, ``record_3`` and so on for further ones. Records of modes are in
+    ``modal_record_1`` and so on. Without a record of responses, ``frf`` and ``evaluation`` are left out. Units are
+    attributes. ``subdivide`` is the number of pieces into which each beam was cut. With very many parameters, posterior
+    draws stand in place of covariance matrices.
     """
     import h5py  # so that `import structid` stays light
 
@@ -82,9 +83,9 @@ def _texts(group: h5py.Group, name: str, values: Iterable[object]) -> None:
 
 
 def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
-    """Write what is known of the parameters into `group`: values, deviations, identifiability and history of the search.
+    """Write an estimate into `group`: names, kinds, units, values, deviations, identifiability and search history.
 
-    Covariances (n_params, n_params) are written where there are any, else posterior draws.
+    Covariances (n_params, n_params) are written where the estimate has them, else posterior draws (n_draws, n_params).
     """
     _texts(group, "names", estimate.names)
     _texts(group, "kinds", estimate.kinds)
@@ -143,9 +144,10 @@ def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
 
 
 def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:
-    """Write measured and predicted FRFs and their relative error on the lines on which the fit is judged into `group`.
+    """Write measured and predicted FRFs, and the relative error of the prediction, on the lines that judge the fit.
 
-    These may be more lines than were fitted.
+    FRFs of the fitted and of the initial model are (n_lines, n_outputs, n_inputs); there may be more lines than were
+    fitted.
     """
     unit = fit.evaluation.unit
     _put(group, "frequency", fit.evaluation.frequency, "Hz")
@@ -156,9 +158,9 @@ def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:
 
 
 def _write_modal(group: h5py.Group, fit: ModalFit) -> None:
-    """Write the measured modes of a record into `group`, with frequency, damping and MAC of their model modes.
+    """Write measured modes of a record into `group`, and frequency, damping ratio and MAC of the paired model modes.
 
-    The model modes are those of the initial and of the fitted model.
+    The pairs are written twice, with the names ``..._initial`` and ``..._fitted`` for the initial and the fitted model.
     """
     measured = fit.measured
     group.attrs["name"], group.attrs["source"] = fit.name, measured.source
@@ -175,7 +177,11 @@ def _write_modal(group: h5py.Group, fit: ModalFit) -> None:
 
 
 def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
-    """Write frequencies (Hz), damping ratios and mass-normalized shapes of the model's modes, and its degrees of freedom."""
+    """Write the modes of the model into `group`: degrees of freedom, frequencies (Hz), damping ratios and shapes.
+
+    The shapes (n_dofs, n_modes) have unit modal mass, 1/sqrt(kg); their rows are the free degrees of freedom of
+    `structure`.
+    """
     _texts(group, "dofs", structure.dofs)
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")
@@ -196,12 +202,12 @@ class StoredParameters(NamedTuple):
 
 
 def stored_parameters(folder: Path) -> StoredParameters:
-    """Values and pieces from the file estimate.h5 of a results folder, which is read once.
+    """Identified values by parameter name, and number of pieces of each beam, from the estimate.h5 of a results folder.
 
     Raises
     ------
     FileError
-        If there is no estimate.h5, or structid did not write it.
+        If there is no estimate.h5, or its parameters are missing, damaged or not finite.
     """
     path = folder / "estimate.h5"
     fields = _stored_fields(folder, ("parameters/names", "parameters/values", "subdivide"))
@@ -236,7 +242,10 @@ def number_of_pieces(count: Field | None, folder: Path) -> int:
 
 
 def _stored_fields(folder: Path, names: Sequence[str]) -> dict[str, Field]:
-    """Datasets of the file estimate.h5 of a results folder by name; those of `names` that it lacks are left out."""
+    """Datasets `names` of the file estimate.h5 of a results folder, by name; those that it lacks are left out.
+
+    `FileError` if there is no such file.
+    """
     path = folder / "estimate.h5"
     if not path.is_file():
         raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")

@@ -40,11 +40,11 @@ def write_merged(modes: ModalRecord, folder: Path, geometry: Geometry | None = N
 
 
 def modes_summary(result: ModesResult) -> dict[str, StoredEntry]:
-    """The content of modes.json, in which numbers may still be NaN or infinite; `read_modes` reads the file.
+    """Content of modes.json as a dictionary, in which numbers may still be NaN or infinite.
 
-    The keys are those of `modal_fields` but ``changes``, those of `_clusters`, MPC and MPD with deviations, ``probability``,
-    ``title``, ``method``, ``n_modes``, ``tone_kurtosis``, ``tones_removed``, ``scale``, ``left_out``, ``findings``,
-    ``preparation``, ``record``, ``options`` and ``provenance``.
+    It has frequencies, damping ratios, shapes and their deviations, MPC and MPD with deviations, statistics of the
+    poles behind each mode, tones, ``left_out`` (candidates that are no modes), warnings, findings, the record, options
+    and provenance.
     """
     identification = result.identification
     fields = modal_fields(result.modes)
@@ -92,7 +92,11 @@ def _tone(tone: Tone) -> dict[str, StoredEntry]:
 
 
 def _clusters(result: ModesResult) -> dict[str, StoredEntry]:
-    """For each mode, statistics of the poles of all model orders behind it; all None where the method has no orders."""
+    """Dictionary of statistics of the poles, of all model orders, behind the modes.
+
+    Every value is None for a method without orders. Values are lists with an entry for each mode: count, mean frequency
+    (Hz), mean damping ratio and their spreads. ``n_orders`` is one number.
+    """
     clusters = result.identification.clusters
     names = ("count", "n_orders", "cluster_frequency_hz", "cluster_frequency_spread_hz", "cluster_damping_ratio",
              "cluster_damping_spread")  # fmt: skip
@@ -110,7 +114,10 @@ def _clusters(result: ModesResult) -> dict[str, StoredEntry]:
 
 
 def options_used(result: ModesResult) -> dict[str, StoredEntry]:
-    """The fields of the identification's options as plain values, with the orders that were used; None for no upper frequency."""
+    """Fields of the identification's options as plain values, in nested dictionaries.
+
+    ``orders`` are those that were used. The upper end of ``criteria.frequency`` (Hz) is None where there is no limit.
+    """
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:
@@ -121,7 +128,7 @@ def options_used(result: ModesResult) -> dict[str, StoredEntry]:
 
 
 def _record(result: ModesResult) -> dict[str, StoredEntry]:
-    """The entry of modes.json on the record: its kind, lines or samples, channels and references."""
+    """Entry of modes.json on the record: ``kind``, counts, band (Hz) or sampling rate (Hz), and channels as text."""
     record = result.record
     if isinstance(record, FrfRecord):
         return {

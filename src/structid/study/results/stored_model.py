@@ -30,14 +30,14 @@ _AGAIN = "identify again with this version of structid"
 
 
 def stored_study(folder: Path, study: Path | None = None) -> Study:
-    """The study of a results folder, read from where it was identified or from the file `study`.
+    """The study of a results folder, read from its stored path or from the file `study`, and checked to be unchanged.
 
-    Its beams are cut into as many pieces as they were in the identification.
+    Beams are cut into as many pieces as in the identification.
 
     Raises
     ------
     FileError
-        If there is no such folder, or its study is no longer where it was or is no longer the same.
+        If the folder or its study file is missing, or the study or one of its input files has changed since.
     InputError
         If a solver gives the model of the study.
     """
@@ -84,6 +84,9 @@ def _text(path: Path) -> str:
 
 def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     """The identified model of the results folder `folder`, for the study `study` that belongs to it.
+
+    It has the values, their covariance on the basis of the estimate, and the effect of the tolerances of fixed values
+    if stored.
 
     Raises
     ------
@@ -139,14 +142,14 @@ class ParameterSpread:
 
 
 def stored_spread(folder: Path, study: Study) -> ParameterSpread:
-    """Initial values (n_params,) and covariance (n_params, n_params) from a results folder, in the study's order of parameters.
+    """Initial values (n_params,) and covariance (n_params, n_params) of the parameters, from a results folder.
 
-    The covariance includes the tolerances of fixed values.
+    They are in the order of the study's parameters. The covariance includes the tolerances of fixed values.
 
     Raises
     ------
     FileError
-        If the folder's estimate.h5 is of another version.
+        If the folder's estimate.h5 holds no initial values.
     """
     path = folder / "estimate.h5"
     stored = _read_group(path, "parameters", (*_ARRAYS, "initial", "fixed_changes"))
@@ -161,14 +164,16 @@ def stored_spread(folder: Path, study: Study) -> ParameterSpread:
 
 
 def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> ModelError | None:
-    """Error of the fitted FRFs of a results folder at a sensor that is left out, as the model error of predictions.
+    """Model error of predictions: the error of the fitted FRFs at each sensor when it is left out of the fit.
+
+    The FRFs are those of the results folder `folder`; `model` is its identified model of `study`.
 
     None where the fit reaches the noise, and where no FRFs were fitted.
 
     Raises
     ------
     FileError
-        If the folder's estimate.h5 is of another version.
+        If the folder's estimate.h5 holds FRFs but not all that belongs to them.
     """
     path = folder / "estimate.h5"
     basis = texts_of(_read_group(path, "parameters", ("covariance_basis",))["covariance_basis"])[0]
@@ -217,14 +222,12 @@ def stored_band(folder: Path) -> tuple[float, float] | None:
 
 
 def stored_loads(folder: Path, is_needed: bool = True) -> tuple[str, ...]:
-    """Degrees of freedom, as text, at which forces acted in the fitted FRFs of a results folder.
-
-    Without fitted FRFs, as with a record of modes: an empty tuple if `is_needed` is False, else an error.
+    """Degrees of freedom, as text, at which forces acted in the fitted FRFs of a results folder; () if it has no FRFs.
 
     Raises
     ------
     InputError
-        If the record was of modes, which have no loads.
+        If it has no fitted FRFs, as with a record of modes, and `is_needed` is True.
     """
     stored = _read_group(folder / "estimate.h5", "frf", ("inputs",))
     if not stored and not is_needed:

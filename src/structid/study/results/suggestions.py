@@ -30,7 +30,10 @@ def suggestion_name(number: int, changes: Sequence[Change]) -> str:
 
 
 def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple[str, ...]]:
-    """The text of a study file after `changes`, its comments kept, and the lines that differ, marked by "+ " or "- "."""
+    """The text of a study file after `changes`, with its comments, and the lines that were added or removed.
+
+    These lines begin with "+ " or "- "; blank ones are left out. `InputError` if the file cannot hold a change.
+    """
 
     def change_tables(tables: dict[str, Any]) -> None:
         for change in changes:
@@ -43,15 +46,19 @@ def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple
 
 
 def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[FittedModel]) -> Diagnosis:
-    """The diagnosis with the name of a suggested study, and the lines that differ, for each cause with a refit.
+    """The diagnosis with, for each refitted cause, the path of a suggested study file and the lines that differ.
 
-    `fits` are the refits in the order of these causes. A cause is unchanged if the study file cannot hold its change.
+    `fits` are the refits of the causes that have one, in their order; without causes, the suggested changes take their
+    place. A cause is unchanged if the study file cannot hold its change.
     """
     changes = iter(fits)
     number = 0
 
     def suggested(cause: Cause) -> Cause:
-        """The cause with the name of its study and the lines that differ; unchanged where a file cannot hold the change."""
+        """The cause with the path of its suggested study file in the results folder, and the lines of it that differ.
+
+        Files are numbered from 1. A cause is unchanged if it has no refit, or a study file cannot hold its change.
+        """
         nonlocal number
         if not cause.has_fit:
             return cause
@@ -68,9 +75,10 @@ def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[FittedMo
 
 
 def write_suggestions(result: StudyResult, fits: Sequence[FittedModel], folder: Path, target: Path) -> None:
-    """Write a study file for each cause that has one into `folder`, whose content will later be moved to `target`.
+    """Write the suggested study file of each cause that has one into `folder`, whose content later moves to `target`.
 
-    `fits` are the refits behind the causes, in their order. Nothing is written if no cause has a study.
+    `fits` are the refits of the causes that have one, in the order of the causes. Nothing is written if no cause has a
+    study.
     """
     diagnosis = result.diagnosis
     causes: Sequence[Cause] = () if diagnosis is None else diagnosis.named

@@ -228,7 +228,11 @@ class ResultsView(Shown):
         return tuple(sorted(self.channels, key=lambda channel: -channel.error))
 
     def overview(self) -> Overview:
-        """Verdict, next step, words on the mesh where there are any, and one row a parameter."""
+        """Text with verdict, next step and any words on the mesh, above a table with the rows of the parameters.
+
+        A row has name, value with unit, 95 % interval and state. Values that single records have of a varying property
+        are left out.
+        """
         rows = [
             (one.name, with_unit(one.value_text, one.unit_text), one.interval_text, one.state) for one in self.listed
         ]
@@ -338,9 +342,10 @@ def _is_to_be_taken_out(identification: Identification, diagnosis: Diagnosis) ->
 
 
 def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on what to do, each once: the verdict beyond its headline, further causes, and warnings that ask for an action.
+    """Sentences on what to do, each once: the verdict beyond its headline, further causes, and warnings to act on.
 
-    `sentences` are those of the verdict after the headline.
+    `sentences` are those of the verdict after the headline, and come first. What other parts of the results say is left
+    out.
     """
     estimate = identification.estimate
     lines = list(sentences)
@@ -386,7 +391,10 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
 
 
 def _alternative(cause: Cause) -> str:
-    """Sentence on a cause after the first: if it adds to the first, is as likely or less likely, and its suggested study."""
+    """Sentence that names a cause after the first, and its suggested study file if it has one.
+
+    It says if the cause is a second change beside the first, cannot be distinguished from the first, or is less likely.
+    """
     run = f" ({cause.study})" if cause.study else ""
     if cause.is_second:
         return f"A second change beside the first: {cause.words}{run}."
@@ -396,7 +404,10 @@ def _alternative(cause: Cause) -> str:
 
 
 def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
-    """Result of each parameter; without a covariance matrix only of those that changed most."""
+    """Result of each parameter, in the order of the estimate.
+
+    Without a covariance matrix only of the 50 that changed most.
+    """
     estimate = identification.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
@@ -438,10 +449,11 @@ def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
 
 
 def parameter_states(identification: Identification) -> tuple[str, ...]:
-    """State of each parameter, such as "determined" or "by prior", in their order; see `ParameterResult.state`.
+    """State of each parameter, such as "determined" or "at its upper bound", in the order of the estimate.
 
-    If several apply, the last of these holds: weakly determined, by prior, not determined, at a bound, ran away.
-    "One of several" replaces "determined" where another set of values fits equally well.
+    If several apply, the last of these holds: weakly determined (standard deviation above half the value, or part of an
+    undetermined direction without priors), by prior, not determined, at a bound, ran away. "One of several" replaces
+    "determined" where another set of values, more than a standard deviation away, fits equally well.
     """
     estimate = identification.estimate
     weak = np.zeros(len(estimate.names), dtype=bool)
@@ -474,7 +486,11 @@ def _channels(fit: RecordFit) -> list[ChannelFit]:
 
 
 def _statistics(identification: Identification) -> tuple[tuple[str, str], ...]:
-    """Statistics of the search and the fit, as pairs of a label and a text."""
+    """Pairs of a label and a text on search, rank, misfit, chi-square, starts, covariance basis, FRF errors and mass.
+
+    Chi-square needs degrees of freedom, starts more than one of them, and the total mass (kg) is left out where it is
+    0.
+    """
     estimate = identification.estimate
     is_converged = estimate.status is Status.CONVERGED
     search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"

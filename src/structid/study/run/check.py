@@ -131,9 +131,10 @@ def checked_record(
 
 
 def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceCheck, ...]:
-    """Each measured resonance (Hz) with that of the model, the MAC, and their distance in half-bandwidths.
+    """Each measured resonance (Hz) with the model's, the MAC, and how far the model is above, in its half-bandwidths.
 
-    Where the model has no peak between lines, the nearest mode without another partner is taken. NaN where there is none.
+    Where the comparison has no model resonance, the nearest free mode within 10 % of the measured frequency is taken.
+    Frequency and distance are NaN where there is none; the distance also for a mode without positive damping.
     """
     free = np.ones(len(modes.frequency), dtype=bool)
     for pair in comparison.resonances:
@@ -157,7 +158,11 @@ def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceC
 
 
 def _facts(setup: AnySetup) -> tuple[str, ...]:
-    """A remark on the noise or the chi-square if coherence was estimated from few averages; an empty tuple otherwise."""
+    """At most one remark, on noise that was estimated from the coherence of 1 to 100 averages.
+
+    () for all other records. Up to two averages do not give the noise; with more, the remark says which chi-square a
+    right model has.
+    """
     record = setup.record
     if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
         return ()
@@ -175,9 +180,10 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
 def leaking_windows(
     source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes
 ) -> list[str]:
-    """At most one warning, if the window of averaged spectra blurs resonances in the band; an empty list for other records.
+    """At most one warning, if the window of averaged spectra blurs resonances in the band of `problem`.
 
-    `histories` are the time records from which the spectra were averaged, `modes` those of the initial model.
+    Else an empty list. `source` has the settings of the averaging, `histories` are the time records that were averaged,
+    and `modes` those of the initial model. The list is empty too where no spectra were averaged.
     """
     if source.frf is None or source.time is not None or not histories:
         return []
@@ -490,9 +496,10 @@ def cramer_rao_bound(problem: Problem, linearization: Linearization) -> FloatArr
 
 
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
-    """Degrees of freedom of the structure that each channel of a set-up reads or loads; `name` is put before the channel.
+    """The free degrees of freedom, with coefficients, that each channel of a set-up measures or loads.
 
-    There is an entry for each channel. For an input that moves supports it names these and their base.
+    The list has an entry for each channel. `name` is put before the channel's own name. An input that moves supports
+    lists these and their base; a sensor placed beside the nodes also has its distance (m) to the nearest one.
     """
     structure, checks = setup.structure, []
     free = structure.dofs
@@ -523,8 +530,8 @@ def _term(factor: float, dof: Dof) -> str:
 def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
     """One check for each mode: frequency (Hz), damping ratio, if it lies in the band, lines in its bandwidth, rounding.
 
-    Lines are counted in the half-power bandwidth, widened by that of the record's window. `rounding` is the relative error that
-    floating-point arithmetic may cause.
+    Lines are counted in the half-power bandwidth, widened by that of the record's window. Rounding is the relative
+    error by floating-point arithmetic, of the frequency where modes were measured, else of the response.
     """
     axis, facts = problem.frequency, problem.facts
     nearest_line = np.clip(np.searchsorted(axis, modes.frequency), 0, len(axis) - 1)

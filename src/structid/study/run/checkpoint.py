@@ -112,7 +112,10 @@ class Checkpoint:
         return self._search[1] if self._search is not None and self._search[0] == name else None
 
     def finished(self, name: str, result: object) -> None:
-        """Store the result of the search or task called `name`, and write the checkpoint if `seconds` have passed."""
+        """Store the result of the search or task `name`, drop the state of a search under way, and write if due.
+
+        Writing is due if `seconds` of this checkpoint have passed since the last time.
+        """
         self.entries[name] = result
         self._unwritten.append(name)
         self._latest = None
@@ -126,7 +129,8 @@ class Checkpoint:
     def write(self, so_far: Mapping[str, StoredEntry] | None = None) -> None:
         """Write all entries that are not written yet, and the state of the search under way.
 
-        `so_far` are the values reached so far, by name; if given, they are written as JSON for people to read.
+        Entries go into a new file; after 64 files, all go into one. `so_far` are the values reached so far, by name; if
+        given, they are written as JSON for people to read.
 
         Raises
         ------

@@ -76,9 +76,9 @@ class Cluster(RemoteWorkers):
 
     @staticmethod
     def answer(name: str, task: Task[Shared, Item, TaskResult], batch: Batch[Item]) -> Answer[TaskResult]:
-        """Results of a batch of items and the seconds they took, computed on one thread of a worker.
+        """Results of a batch of (number, item), with the numbers, and the seconds taken, on one thread of this worker.
 
-        This runs on the worker; `name` is the name under which the shared object was sent to it.
+        `task` is called with the shared object, which was sent to the worker under `name`, and each item.
         """
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
@@ -110,7 +110,13 @@ class Cluster(RemoteWorkers):
             ) from error
 
     def require_alive(self) -> None:
-        """Raise `WorkersLostError` if the connection to the scheduler is lost, or it has had no worker for some time."""
+        """Wait until the scheduler has a worker, at most 120 s.
+
+        Raises
+        ------
+        WorkersLostError
+            If the connection to the scheduler is lost, or no worker comes in this time.
+        """
         if self._client.status != "running":
             raise WorkersLostError(
                 f"scheduler {self.address}: the connection was lost; what was done is kept: start the scheduler again"

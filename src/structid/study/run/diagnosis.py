@@ -69,7 +69,10 @@ def diagnose_study(
 
 
 def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement:
-    """The judgement with `findings` of the record's check among its reasons, and the first of them in its words."""
+    """The judgement with all `findings` of the record's check added to its reasons, and the first of them to its words.
+
+    It is unchanged if there are none.
+    """
     if not findings:
         return judgement
     words = f"{judgement.words} The record itself shows: {findings[0]}."

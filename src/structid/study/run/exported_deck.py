@@ -83,9 +83,10 @@ class _DeckModel:
     scales: Mapping[str, float]
 
     def number(self, element: str, name: str, index: int | None = None) -> tuple[float, float]:
-        """Identified and initial value of the property `name` of an element set, in the units of the deck.
+        """(identified, initial) value of the property `name` of the element set `element`, in the units of the deck.
 
-        `index` is the row of one element in the set; None takes the whole set, with `InputError` if its values differ.
+        `index` is the row of one element in the set, from 0; None takes the whole set, with `InputError` if its values
+        differ.
         """
         item = self.values[element, name]
         rows = slice(None) if index is None else slice(index, index + 1)
@@ -176,7 +177,11 @@ def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> li
 
 
 def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _DeckModel:
-    """Text, mesh, group names and factors from SI to the units of the deck at `path`, with the identified `values`."""
+    """The deck at `path` as text and mesh, with the mesh group of each element set, `values`, and unit factors.
+
+    Factors are from SI units to those stated for the mesh of the study, by default m and N; PARAM WTMASS of the deck
+    scales masses.
+    """
     section = study.root.inner("structure")
     stated = section.table["mesh"]
     options = stated if isinstance(stated, dict) else {}
@@ -238,8 +243,9 @@ def _change_words(position: DeckPosition, number: DeckNumber, before: str, after
 def _nastran_numbers(source: _DeckModel, structure: Structure, element_property: ElementValues) -> Iterator[DeckNumber]:
     """New numbers for the cards of a Nastran deck that hold a property of an element set; none if no card does.
 
-    `element_property` has the name of the set and of the property, and the identified values, one an element. `InputError` if
-    values differ within a set that has one number, a node has no or several cards CONM2, or a material cannot be written.
+    `element_property` has the name of the set and of the property, and the identified values, one an element. Cards are
+    PSHELL, MAT1, PELAS and CONM2. `InputError` if values differ within a set that has one number, a node has no or
+    several cards CONM2, or a material cannot be written.
     """
     label = f"{element_property.name}[{element_property.element}]"
     if element_property.element in source.group_of:
@@ -281,7 +287,11 @@ def _field(card: Card, number: int) -> str:
 
 
 def _property_numbers(source: _DeckModel, element: str) -> list[int]:
-    """Property identification numbers (PID) of a Nastran deck that the cells of an element set have."""
+    """Property identification numbers (PID) of the cells of an element set of a Nastran deck.
+
+    They are all of the deck, increasing, for a set on the whole mesh; else at most one. It is empty for a group that is
+    no property.
+    """
     group = source.group_of[element]
     by_number = {key: rows for key, rows in source.mesh.groups.items() if key.isdigit()}
     if group is None:

@@ -90,6 +90,7 @@ def write_exports(
     """Write files from the identified model of a results folder, and return lines that describe them.
 
     `results` is the folder, `files` the paths by kind of content, and `study` the study file if it was moved since.
+    `force` allows to write over existing files.
 
     Raises
     ------
@@ -110,9 +111,17 @@ def write_exports(
 def write_model_files(
     results: Path, source: Study, model: IdentifiedModel, files: ExportFiles, options: ExportOptions
 ) -> list[str]:
-    """Write files from a loaded model over those that exist, and return lines that describe them.
+    """Write files from a loaded model, over existing ones too, and return lines that describe them.
 
-    `source` and `model` are the study and the identified model of the folder `results`; errors are those of `write_exports`.
+    `source` and `model` are the study and the identified model of the folder `results`; `files` holds the path of each
+    kind of content, None for those not to be written.
+
+    Raises
+    ------
+    FileError
+        If a suffix is of no format, or a file cannot be written.
+    InputError
+        If the model has no such content, or an option cannot be used.
     """
     lines: list[str] = []
     if files.mode_shapes is not None:
@@ -151,7 +160,10 @@ class Offer:
 
 
 def list_offers(model: IdentifiedModel, study: Study) -> tuple[Offer, ...]:
-    """Every kind of file that `structid export` writes, with a text on why this model cannot give it; "" if it can."""
+    """Every kind of file that `structid export` writes, with its suffixes and a text on why this model cannot give it.
+
+    "" if it can.
+    """
     obstacle = deck_obstacle = ""
     try:
         model.structure.require_modes("it", "predict FRFs")
@@ -243,7 +255,7 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
 
 
 def matrix_files(path: Path) -> list[Path]:
-    """Every file that `export_matrices` may write for `path`: the matrices, and the text file with the numbering of rows."""
+    """Files that an export of matrices to `path` may write: matrices, and a text file with the numbering of rows."""
     files = [path, path.with_suffix(".dofs.txt")]
     if path.suffix.lower() in _ONE_EACH:
         files[:1] = [_file_of(path, name) for name in _MATRICES]
@@ -257,7 +269,11 @@ def _file_of(path: Path, name: str) -> Path:
 
 
 def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structure) -> list[str]:
-    """Write matrices to files whose names begin with the stem of `path`, and return a line on what was written."""
+    """Write matrices in the format of the suffix of `path`, and return a list with one line on what was written.
+
+    Formats that hold one matrix get a file for each, named by the stem of `path` and the matrix; an Abaqus deck
+    includes such files.
+    """
     names = [item.name for item in items]
     imaginary = "; K4AA is the imaginary part of the stiffness" if "K4AA" in names else ""
     size = f"{structure.n_dofs} degrees of freedom, SI units"
@@ -305,9 +321,10 @@ def _abaqus_deck(structure: Structure, parts: Mapping[str, Path]) -> str:
 
 
 def export_mesh(model: IdentifiedModel, spread: ParameterSpread, n_modes: int, path: Path) -> list[str]:
-    """Write the structure with the values of its elements to `path`, .vtu or .csv, and return lines that describe the content.
+    """Write the structure with the values of its elements to `path`, .vtu or .csv; return a list with one line on it.
 
-    A .vtu file also has the shapes of the `n_modes` lowest modes; `spread` has initial values and covariance of the parameters.
+    A .vtu file also has the shapes of the `n_modes` lowest modes, where the structure has modes; `spread` has initial
+    values and covariance of the parameters.
 
     Raises
     ------
@@ -386,7 +403,10 @@ def _grid_text(model: IdentifiedModel, properties: Sequence[ElementValues], n_mo
 
 
 def _cell_type(element: ElementSet, n_nodes: int) -> int:
-    """VTK number of the cell type of an element with `n_nodes` nodes."""
+    """VTK number of the cell type of an element: that of a solid, an area, a line, a point, or a set of points.
+
+    `n_nodes` is the number of nodes. A matrix group is a set of points, whatever their number.
+    """
     if isinstance(element, MatrixGroup):
         return _POINTS
     if element.symbol == "solid":
@@ -495,7 +515,10 @@ def _array_line(name: str, values: AnyArray) -> str:
 
 
 def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
-    """The `n_modes` lowest natural modes of an identified model, at most one for each degree of freedom."""
+    """The `n_modes` lowest natural modes of an identified model, at most one for each degree of freedom.
+
+    `InputError` if the structure has no modes of its own.
+    """
     structure = model.structure
     structure.require_modes("modes")
     mass, stiffness, damping, loss = (
@@ -508,7 +531,8 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
 def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
     """Covariance of frequencies (Hz), then damping ratios, of the lowest modes, (2 n_modes, 2 n_modes), to first order.
 
-    Each independent error of the parameters is moved by one standard deviation; modes are matched by their shapes.
+    Parameters are moved along each column of a factor of their covariance, which is one standard deviation; a parameter
+    is kept at 0.1 % of its value or more. Modes are matched by their shapes.
     """
     structure, n_factors = model.structure, model.factor.shape[1]
     evaluate = NaturalModes(n_modes).evaluator(structure, model.parameters, [model.physical])

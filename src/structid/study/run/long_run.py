@@ -63,8 +63,8 @@ class Reached:
     def summary(self) -> dict[str, StoredEntry]:
         """The values reached so far, without uncertainty, as plain values for JSON.
 
-        The keys are ``status``, ``search``, ``iteration``, ``sum_of_squares``, ``tasks`` while tasks run, and ``parameters`` from
-        the first iteration on.
+        The keys are ``status``, ``search``, ``iteration``, ``sum_of_squares``, ``tasks`` while tasks run, and
+        ``parameters`` (name, unit, value of each) from the first iteration on.
         """
         summary: dict[str, StoredEntry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
         summary["sum_of_squares"] = self.cost
@@ -119,11 +119,11 @@ class LongRun:
         progress: Progress | None = None,
         scope: str = "",
     ) -> Minimum:
-        """Minimum of a problem as `structid.inversion.minimize` gives it, continued from the checkpoint if there is one.
+        """Minimum of a problem by the search `method`, continued from the checkpoint if it holds this search.
 
         A search that the checkpoint holds as finished is not repeated. Workers evaluate the lines of a large problem;
-        within a task, for which `scope` is the task's name, this process does. `theta` (n_params,) are the free
-        variables at the start, by default the problem's.
+        within a task, whose name is `scope`, this process does. `theta` (n_params,) are the free variables at the
+        start, by default the problem's.
         """
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
@@ -141,7 +141,11 @@ class LongRun:
         return minimum
 
     def keeper(self, problem: Problem) -> SearchStateStore:
-        """The store for the state of a new search in this process; the search of the previous call counts as finished."""
+        """The store for the state of a new search of `problem` in this process.
+
+        Searches are numbered in the order of calls. The search of the previous call counts as finished in the
+        checkpoint.
+        """
         checkpoint = self.checkpoint
         if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
             checkpoint.finished(self._keeper.name, dict(self._keeper.latest()))
@@ -158,10 +162,11 @@ class LongRun:
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[TaskResult]:
-        """Results of `task` for every item, in the order of `items`; results that the checkpoint holds are not computed again.
+        """Results of `task` for every item, in the order of `items`.
 
-        `name` says what the tasks are, `shared` is an argument for all of them, and `first` is the index of `items[0]` if the
-        items continue an earlier call.
+        Results that the checkpoint holds are not computed again. `task` is called with `shared`, an item, and a context
+        for searches and progress. `name` says what the tasks are, and `first` is the index of `items[0]` if the items
+        continue an earlier call.
         """
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
@@ -210,7 +215,10 @@ class _Keeper:
 
     @property
     def state(self) -> State | None:
-        """The state from which this search continues: its last one if it has finished, else the stored one, or None."""
+        """State from which the search of this store continues; None to start anew.
+
+        It is the last state if the search has finished, else the one stored while it was under way.
+        """
         if self.checkpoint is None:
             return None
         ended: State | None = self.checkpoint.entries.get(self.name)
@@ -289,9 +297,10 @@ class _Lines(TypedDict):
 
 
 def _join_parts(name: Literal["residual", "jacobian"], segment_results: list[_Lines]) -> FloatArray:
-    """Residual (n_data,) or Jacobian (n_data, n_params) of all lines, joined from those of the segments.
+    """Residual (n_data,) or Jacobian (n_data, n_params) of all lines, joined from those of segments in frequency order.
 
-    The rows are real parts of all segments, imaginary parts of all segments, then the rows of the priors once.
+    The rows are real parts of all segments, imaginary parts of all segments, then the rows of the priors, taken from
+    the last one.
     """
     real, imaginary = [], []
     for segment_result in segment_results:
@@ -318,7 +327,8 @@ def evaluate_segment(segments: LineSegments, item: tuple[int, int, FloatArray, b
 def spread(problem: Problem, workers: Workers) -> Problem:
     """The problem with the lines of its large FRF problems evaluated on workers; unchanged if that does not pay.
 
-    It does not pay with one worker, few lines or degrees of freedom, or a Jacobian that takes long to send.
+    It does not with one worker, a small model, degrees of freedom times lines below 500 000, or a Jacobian above 256
+    MB.
     """
     if workers.n_workers < 2:
         return problem

@@ -107,16 +107,18 @@ class MotionResult:
 
 
 def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
-    """Parameters of the study at `path`, identified from the motion of every degree of freedom.
+    """Identify the parameters of the study at `path` from the motion of every degree of freedom.
 
-    `progress`, if given, is called with the number of samples done and their total.
+    The result also has times (s), peak memory (bytes) and the workers. `progress`, if given, is called with the number
+    of samples done and their total.
 
     Raises
     ------
     StudyError
-        If the study has several records, or a key that is not used here, such as `modes` or `frf`; with the place in the file.
+        If the study has several records, or a key that is not used here, such as `modes` or `frf`; with the place in
+        the file.
     InputError, FileError
-        If the record lacks what the equations need, has gaps, or shrinks.
+        If the record lacks what the equations need, has gaps, or is cut off while it is read.
     """
     start = time.perf_counter()
     study = load_study(path)
@@ -152,7 +154,8 @@ def _reduce_records(
 ) -> RecursiveMotionFit:
     """The fit of all records, reduced on `workers` or, if None, in this process.
 
-    It continues from the file `checkpoint` if that exists. `progress` takes the samples done and their total.
+    It continues from the file `checkpoint` if that exists, and writes it as samples are done. `progress` takes the
+    samples done and their total.
     """
     fit = motion_fit(task_data.structure, task_data.unknown)
     if checkpoint is not None and checkpoint.exists():
@@ -256,21 +259,22 @@ class MotionTaskData:
 
 
 def segments(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Segment]:
-    """Segments of nearly equal length that cover the samples after the first `done`.
+    """Segments of nearly equal length within each record that cover the samples after the first `done`, in order.
 
     Parameters
     ----------
     records : sequence of OnDiskRecord
         Records in the order in which they are reduced.
     answer_bytes : int
-        Size of the result of one segment, in bytes; a segment holds several times as much.
+        Size of the result of one segment, in bytes; a segment holds at least five times as much, and 64 MB.
     done : int
         Number of samples, counted over all records, that are already reduced.
 
     Returns
     -------
     list of tuple
-        Record number (from 0), first sample, and sample after the last.
+        Record number (from 0), first sample, and sample after the last; at most 64 a record, and at least one of each
+        that is not done.
     """
     segments: list[Segment] = []
     before = 0
@@ -297,8 +301,8 @@ class ReducedSegment(TypedDict):
 def reduced_segment(task_data: MotionTaskData, item: Segment, tools: TaskContext) -> ReducedSegment:
     """Sums of the least-squares problem over one segment of a record, as a task for workers.
 
-    `item` is (record number, first sample, sample after the last). The result has ``triangles`` and ``energy`` of the reduced
-    rows, and the counts ``n_rows`` and ``n_samples``.
+    `item` is (record number, first sample, sample after the last), from 0. The result has ``triangles`` (the triangular
+    factors) and ``energy`` (the sum of squares) of the reduced rows, and the counts ``n_rows`` and ``n_samples``.
     """
     number, first, last = item
     fit = task_data.start
@@ -373,7 +377,7 @@ def reduced_alone(
     ends = list(accumulate(record.n_times for record in task_data.records))
 
     def report(done: int, _: int) -> None:
-        """Pass the number of samples done, of all records, to `progress`."""
+        """Pass the number of samples done, and that of all records, to `progress` if there is one."""
         if progress is not None:
             progress(done, ends[-1])
 

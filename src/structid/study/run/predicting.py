@@ -136,7 +136,17 @@ def predict_study(
 def predict_stored(
     source: Study, folder: Path, options: PredictOptions, changes: Sequence[Change] = ()
 ) -> StudyPrediction:
-    """Predictions from a results folder whose study has been read; parameters, result and errors are as in `predict_study`."""
+    """Predictions from the results folder `folder` of the study `source`, which has been read, after `changes`.
+
+    Modes are always predicted. FRFs need sensors and loads, histories and maxima a load over time, spectra a noise.
+
+    Raises
+    ------
+    InputError
+        If an option cannot be used with the others or with this model, or the model is not determined.
+    FileError
+        If a file of the folder or of the loads is missing, damaged or of another version.
+    """
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)
     axes = split_commas(options.participation)
@@ -217,9 +227,10 @@ def predict_stored(
 def _require_moving_mass(
     axes: Sequence[str], model: IdentifiedModel, structures: Sequence[tuple[Structure, Parameters]]
 ) -> None:
-    """Raise `InputError` for the first of `axes` along which no mass of one of `structures` (with their parameters) moves.
+    """Raise `InputError` for the first of `axes` along which no mass of one of `structures` moves.
 
-    It is found before anything is drawn.
+    `structures` are pairs of a structure and its parameters. All structures are checked at the identified values of
+    `model`; without axes nothing is checked.
     """
     for structure, parameters in structures if axes else ():
         structure.require_modes("modes")
@@ -232,7 +243,10 @@ def _require_moving_mass(
 
 
 def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
-    """The tuned mass damper that ``mass@place`` in the options asks for (mass in kg), tuned to the model; else `InputError`."""
+    """The tuned mass damper that the option ``tune_damper`` asks for, tuned to the model.
+
+    The option reads ``mass@dof`` with the mass in kg, such as ``800@40X``; else `InputError`.
+    """
     mass, at, dof = options.tune_damper.partition("@")
     try:
         kg = float(mass)
@@ -275,7 +289,7 @@ def kind_under(inputs: Sequence[Input], kind: FrfKind) -> FrfKind:
     Raises
     ------
     InputError
-        If `kind` is motion per force, and not the default, where supports move.
+        If all inputs are moving supports and `kind` is receptance or mobility; accelerance, the default, is replaced.
     """
     moved = [dof for each in inputs if isinstance(each, Base) for dof in each.supports]
     if not all(isinstance(each, Base) for each in inputs):
@@ -417,9 +431,10 @@ def _recorded_loads(structure: Structure, path: Path, options: PredictOptions) -
 def _spectrum(
     structure: Structure, outputs: tuple[Output, ...], lines: FloatArray, options: PredictOptions
 ) -> Spectrum:
-    """The quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz) under the noise of the options.
+    """Quantity that predicts the spectra of `outputs` at the frequencies `lines` (Hz) under the noise of the options.
 
-    The spectral density of the noise is interpolated linearly and 0 outside its table; `InputError` if it is 0 at all lines.
+    The spectral density of the noise is interpolated linearly and 0 outside its table; `InputError` if it is 0 at all
+    lines. Under moving supports the FRFs are transmissibilities.
     """
     path, (frequency, density), loaded = _noise_parts(structure, options)
     kind = "transmissibility" if isinstance(loaded, Base) else options.kind
@@ -446,9 +461,9 @@ def _noise_history(
 
 
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
-    """Path of the noise table that the options name as ``table@place``, its frequencies and densities, and the driven input.
+    """Path of a noise table, its (frequencies, densities), and the driven input, by the option `noise`: ``table@dof``.
 
-    Frequencies are in Hz; both are (n_frequencies,).
+    Frequencies are in Hz; both are (n_frequencies,). `InputError` if the option has no table or no degree of freedom.
     """
     text, at, name = options.noise.rpartition("@")
     if not at or not text:

@@ -80,9 +80,10 @@ class Sizes:
 
     @property
     def matrix_free_bytes(self) -> int:
-        """Memory of a matrix-free search in bytes.
+        """Estimated memory of a matrix-free search, in bytes.
 
-        It is that of the stored Jacobian with its preconditioner or, if that is too large, of the response fields.
+        It is three times the Jacobian if that is stored; else that of the response fields at all lines, of a vector for
+        each channel.
         """
         data = 16 * self.n_lines * self.n_channels
         if data * self.n_parameters <= STORED_BYTES:
@@ -182,14 +183,14 @@ def sizes(problems: Sequence[RecordProblem]) -> Sizes:
 
 
 def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> ResourceNeeds:
-    """Memory and time that a study needs, from timing response and Jacobian on a few lines of each record.
+    """Memory and time that a study needs, from timing response and Jacobian on some lines of each record.
 
     The times follow from usual numbers of iterations and refits; no search is made.
 
     Raises
     ------
     InputError
-        If even those do not fit in memory.
+        If the matrices of a search, or the lines that are timed, do not fit in memory.
     """
     size, options = sizes(problems), study.options
     method = chosen_method(problems, options)
@@ -237,8 +238,8 @@ class _EnoughError(Exception):
 def expected(study: Study, n_workers: int = 1) -> tuple[ResourceNeeds, Duration]:
     """Memory that a study needs (bytes), and how long its identification takes with `n_workers` processes (s).
 
-    A search of a few seconds is tried to its end; otherwise some lines of the record are timed, and a usual number of
-    iterations is assumed.
+    A search that should take less than about 20 s is tried; if it does not end in this time, or is too long to try, the
+    timed lines of the record are taken with a usual number of iterations.
 
     Raises
     ------
@@ -301,10 +302,9 @@ def _start_seconds() -> float:
 
 
 def _time_evaluation(problem: RecordProblem, method: Method) -> tuple[float, float, float]:
-    """Time and memory of one response with its Jacobian, measured on a few lines.
+    """Cost of a response with its Jacobian: extra s of the first evaluation, s a line, and peak bytes a line.
 
-    The parts are the extra time of the first evaluation (s), the time for each line (s), and the peak memory for each line
-    (bytes).
+    The lines evaluated are at most 8 lines of a large problem and 4096 of a small one, evenly chosen over the band.
     """
     most = _MEASURED_LINES if problem.is_large else _MEASURED_LINES_SMALL
     few = problem.with_lines(np.unique(np.linspace(0, len(problem.frequency) - 1, most).astype(int)))

@@ -75,7 +75,11 @@ def run_study(study: Study, progress: StageProgress | None = None, work: TaskExe
 def relinearized_study(
     study: Study, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> PreparedStudy:
-    """The study with records and models prepared for the search; the model of a solver is linearized about the answer."""
+    """The study with records and models prepared for the search.
+
+    If a solver gives the model, the study is identified and the solver run again there until the linear model holds at
+    the answer.
+    """
     ready = prepare_study(study)
     if study.solved is None:
         return ready
@@ -87,9 +91,10 @@ def relinearized_study(
 def confirm_result(
     ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
-    """The study and its result after two checks: finer meshes, and a run of the solver at the answer.
+    """The prepared study and its result after two checks: finer meshes, and a run of the solver at the answer.
 
-    The search is repeated where finer meshes move the values. The solver runs only if the study has one.
+    The search is repeated where finer meshes change the values, and the study is then that of the finer mesh. The
+    solver runs only if the study has one.
     """
     ready, result = refine_mesh(ready, result, progress, work)
     if ready.study.solved is not None:
@@ -104,9 +109,9 @@ def refine_mesh(
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result with beams divided into more pieces, until finer pieces hardly change the values.
 
-    The result stays as it is where the mesh moves no value, and where the record fits the drawn elements but no divided ones.
-    Where the study states the number of pieces it stays too, and a warning is added if the mesh moves a value. A warning also
-    says what keeps the mesh from being judged or made finer.
+    Both stay as they are where a solver gives the model, where the mesh changes no value, and where the record fits the
+    drawn elements but no divided ones. Where the study states the number of pieces they stay too, and a warning is
+    added if the mesh changes a value. A warning also says what keeps the mesh from being judged or made finer.
     """
     if ready.study.solved is not None:
         return ready, result
@@ -147,11 +152,12 @@ def refine_mesh(
 def _identified_in_halves(
     ready: PreparedStudy, drawn: Goodness, mesh: MeshPieces, progress: StageProgress | None, work: TaskExecutor
 ) -> StudyResult | None:
-    """The result with elements of two pieces, searched for from the followed minimum, where it tells enough.
+    """The result with elements of two pieces, if the record fits the elements as drawn alone.
 
-    It does where the record fits the elements as `drawn` alone: halves have a sixteenth of their error, so that more pieces, which
-    take many times as long, fit no better. None otherwise, also where halves cannot be identified. Its fit alone counts, which is
-    searched for as often as that of more pieces, without further starts and intervals of greater cost.
+    Else None, also if it cannot be found. `drawn` is the fit with elements as drawn, which must be that of a right
+    model. The search starts at the minimum of `mesh`. Halves have a sixteenth of the error, so that more pieces, which
+    take many times as long, fit no better; as the fit alone counts, there are no further starts and no intervals of
+    greater cost.
     """
     if not _is_right(drawn):
         return None
@@ -186,9 +192,10 @@ def _fits_only_as_drawn(drawn: Goodness, divided: Goodness) -> bool:
 
 
 def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, is_fine: bool) -> StudyResult:
-    """The result with `clauses` on its mesh among what it assumes, and a `warning` first; empty ones are left out.
+    """The result with the clauses that are not empty, joined by ".
 
-    Where the mesh `is_fine`, as it moves no value or the record was made with it, warnings of modes that it shifts are taken out.
+    ", as its words on the mesh, and `warning` as its first if not "". If the mesh `is_fine`, as it changes no value or
+    the record was made with it, warnings on modes that the mesh shifts are removed.
     """
     found, words = result.identification, "; ".join(clause for clause in clauses if clause)
     kept = [one for one in found.warnings if not (is_fine and one.startswith(MESH_ERROR))]
