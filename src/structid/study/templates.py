@@ -79,12 +79,12 @@ def asked_of(template: type[Template]) -> tuple[TemplateQuestion, ...]:
 
 
 def template_with(template: type[Template], answers: Mapping[str, object]) -> Template:
-    """A `template` of this class filled with the values in `answers`, text or numbers by name, and defaults for the others.
+    """A `template` filled with the values in `answers`, text or numbers by name, and defaults for the others.
 
     Raises
     ------
     InputError
-        If a name is unknown, or a value cannot be used, see `asked_value`.
+        If a name is unknown, or a value is not of the kind or in the limits that its question states.
     """
     questions = {question.name: question for question in asked_of(template)}
     values: dict[str, float | int | str] = {}
@@ -203,7 +203,10 @@ class BeamTemplate(Template):
     support: str = asked("clamped, simple or free", "", "clamped", tuple(_SUPPORTS))
 
     def text(self, folder: Path) -> str:
-        """The text of the study file (TOML) of a beam along x; `folder` is not used."""
+        """The text of the study file (TOML) of a beam along x, whose bending stiffness and loss factor are unknown.
+
+        `folder` is not used.
+        """
         words, held = _SUPPORTS[self.support]
         last = self.elements + 1
         held = ('"1Y"', f'"{last}Y"') if self.support == "simple" else held
@@ -232,7 +235,10 @@ class BridgeTemplate(Template):
     bending_stiffness: float = asked("bending stiffness E I", "N m^2", 4.0e10)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file (TOML) of a bridge, with an element set for each span; `folder` is not used."""
+        """The text of the study file (TOML) of a bridge, with a set and an unknown bending stiffness for each span.
+
+        `folder` is not used.
+        """
         total = self.spans * self.elements
         positions = {k + 1: [self.length * k / self.elements] for k in range(total + 1)}
         piers = ", ".join(f'"{1 + k * self.elements}Y"' for k in range(self.spans + 1))
@@ -267,7 +273,10 @@ class FrameTemplate(Template):
     girder_bending_stiffness: float = asked("bending stiffness of a girder", "N m^2", 4.0e7)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file (TOML) of a plane frame of one bay; `folder` is not used."""
+        """The text of the study file (TOML) of a plane frame of one bay, with columns for each storey and girders.
+
+        The bending stiffness of each set of elements is unknown. `folder` is not used.
+        """
         floors = range(self.storeys + 1)
         positions = {10 * f + 1: [0.0, f * self.height] for f in floors}
         positions |= {10 * f + 2: [self.width, f * self.height] for f in floors}
@@ -312,7 +321,10 @@ class ShearBuildingTemplate(Template):
     stiffness: float = asked("stiffness of a storey", "N/m", 1.6e6)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file (TOML) of a shear building, a chain of masses and springs; `folder` is not used."""
+        """The text of the study file (TOML) of a shear building, a chain of masses and unknown springs.
+
+        `folder` is not used.
+        """
         positions = {k: [0.0, 0.0, k * self.height] for k in range(self.storeys + 1)}
         floors = ", ".join(str(k) for k in range(1, self.storeys + 1))
         lower = ", ".join(f'"{k}X"' for k in range(self.storeys))
@@ -355,7 +367,10 @@ class PlateTemplate(Template):
     clamped: str = asked("clamped edges: one (X = 0), all or none", "", "one", _EDGES)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file (TOML) of a rectangular plate in bending; `folder` is not used."""
+        """The text of the study file (TOML) of a rectangular plate in bending, clamped at one edge, at all or free.
+
+        Young's modulus and loss factor are unknown. `folder` is not used.
+        """
         nx, ny = self.elements_along, self.elements_across
         label = {(i, j): 1 + i * (ny + 1) + j for i in range(nx + 1) for j in range(ny + 1)}
         positions = {n: [self.length * i / nx, self.width * j / ny] for (i, j), n in label.items()}
@@ -432,9 +447,10 @@ class MeshTemplate(Template):
     thickness: float = asked("thickness, of plates and shells", "m", 0.003)
 
     def text(self, folder: Path) -> str:
-        """The text of the study file; the mesh is read from `folder` to find its sets and supports.
+        """The text of the study file (TOML) on a mesh, which is read from `folder` to find its sets and supports.
 
-        `InputError` if the mesh has no cells of two or three dimensions.
+        Elements are solids, or plates if the mesh is flat, or shells. Young's modulus of each set and one loss factor
+        are unknown. `InputError` if the mesh has no cells of two or three dimensions.
         """
         mesh = read_mesh(folder / self.path, self.length_unit)
         if mesh.dimension < 2:
@@ -470,7 +486,8 @@ loss_factor = 0.01
     def _support_text(self, mesh: Mesh, table: str) -> str:
         """Text of a ``[[structure.support]]`` table for the fixed group; as a comment if no group is fixed.
 
-        `table` is the element type ("solid", "plate" or "shell"), which decides the fixed directions.
+        `table` is the element type ("solid", "plate" or "shell"), which decides the fixed directions. `InputError` if
+        the mesh lacks the group.
         """
         others = [name for name in (*mesh.groups, *mesh.node_groups) if name not in _covering_groups(mesh)]
         if self.held != _FREE:

@@ -204,9 +204,10 @@ def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, 
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
-    """The result, with a warning where the mesh changes a value by a large part of its standard deviation.
+    """The result, with a warning first if finer beams would change a value by a large part of its standard deviation.
 
-    Beams are cut as the study says. Results from modes alone, and of large structures, are not checked here.
+    Beams are cut as the study says. The result is unchanged, without a check, where modes alone are compared, no
+    element can be cut, or the structure has more than 300 degrees of freedom.
     """
     found, structure = result.identification, ready.study.structure
     of_modes = all(compares_modes(problem) for problem in found.problems)  # `mesh_warnings` looks at these
@@ -222,10 +223,11 @@ def run_prepared(
     work: TaskExecutor = SERIAL,
     near: Mapping[str, float] | None = None,
 ) -> StudyResult:
-    """Identify a study whose records are already read; see `run_study`.
+    """Identify a study whose records are already read.
 
-    `progress` is called with the name of the stage, its iteration and the sum of squares; None for no reports. `near` are free
-    variables of a nearby answer by name, from which the search begins; None for the study's starts.
+    Warnings on faults, the mesh and channels come first in the result. `progress` is called with the name of the stage,
+    its iteration and the sum of squares; None for no reports. `near` are free variables of a nearby answer by name,
+    from which the search begins; None for the study's starts. `work` runs the search and its tasks.
 
     Raises
     ------

@@ -75,7 +75,10 @@ def sense_record(
 
 
 def sensed_csv(sensed: SensedMotion) -> str:
-    """CSV text of time, then value and standard deviation of every output and every unknown force; one row for each time."""
+    """CSV text of the estimated motion and forces: a header, then one row for each time.
+
+    Columns are the time (s), then value and standard deviation of every output and of every unknown force (N).
+    """
     unit = QUANTITY_UNITS[sensed.motion][0]
     header, columns = ["time (s)"], [sensed.time]
     for dof, value, std in zip(sensed.outputs, sensed.values.T, sensed.std.T, strict=True):
@@ -92,11 +95,11 @@ def sensed_csv(sensed: SensedMotion) -> str:
 
 
 def sensed_summary(sensed: SensedMotion, folder: Path, path: Path) -> dict[str, StoredEntry]:
-    """The content of sensed.json: root mean squares of outputs and forces with deviations, checks of left-out sensors, verdict.
+    """Content of sensed.json as a dictionary.
 
-    `folder` holds the results that the motion was computed from, `path` is the record. The keys are ``results``, ``record``,
-    ``motion``, ``outputs``, ``forces``, ``force_prior_std``, ``correlation_time_s``, ``force_frequency_hz``,
-    ``force_spectrum_order``, ``left_out``, ``verdict``, ``contradiction`` and ``warnings``.
+    It has the root mean square of each output and unknown force with that of its standard deviation, the errors at
+    left-out sensors, the verdict and warnings. `folder` holds the results that the motion was computed from, `path` is
+    the record. ``force_spectrum_order`` is None without unknown forces.
     """
 
     def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, StoredEntry]]:

@@ -70,16 +70,19 @@ _HALVINGS, _TINY = 4, 1e-12
 def relinearize_solver(
     ready: PreparedStudy, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> PreparedStudy:
-    """The study with the finite differences of its solver taken about the answer, after repeated searches.
+    """The study with the finite differences of its solver taken about the answer, found in at most 12 rounds.
 
-    It is unchanged without a solver or with exact matrices. A warning is added if the answer still moves after the last round.
+    A round is a search, and runs of the solver at its answer. It is unchanged without a solver or with exact matrices.
+    Rounds end where no deck parameter moves by more than 1 % of its standard deviation or 1e-6 of its value; a warning
+    is added if the last one still does. For a solver of FRFs, moves must also lower the sum of squares with the
+    solver's own FRFs, unless there is a regularization.
 
     Raises
     ------
     InputError
         If a run of the solver fails.
     NoAnswerError
-        If a search does.
+        If a search fails.
     """
     solved = ready.study.solved
     if solved is None or solved.is_exact:
@@ -142,7 +145,11 @@ def _identify(
 
 
 def with_nominal_start(result: StudyResult) -> StudyResult:
-    """The result with the initial values that the study states, where the last search started at an earlier answer."""
+    """The result with the initial values that the study states, where the last search started at an earlier answer.
+
+    For a solver of FRFs the initial responses are replaced too. It is unchanged without a solver or with exact
+    matrices.
+    """
     study, answer = result.study, result.identification
     if study.solved is None or study.solved.is_exact:
         return result
@@ -257,9 +264,10 @@ def limit_to_bounds(solved: SolvedModel, name: str, value: float) -> float:
 
 
 def tables(study: Study, values: Mapping[str, float | None], step: float | None = None) -> Tables:
-    """A copy of the study's tables, with the deck parameters set to `values` for finite differences; None for a nominal value.
+    """A copy of the study's tables, in which finite differences are taken about the deck parameters `values`.
 
-    `step` is the step of the differences relative to each value; by default that of the study file.
+    `values` are by name; None stands for the nominal value. `step` is the step of the differences relative to each
+    value, by default and at nominal values that of the study file.
     """
     edited: Tables = deepcopy(dict(study.root.table))
     stated = tomllib.loads(study.text)["structure"]["solver"]["parameter"]
@@ -292,9 +300,10 @@ def relinearize_study(
 
 
 def led_near(ready: PreparedStudy, work: TaskExecutor) -> PreparedStudy:
-    """The study with start values from which a search on the FRFs themselves converges; unchanged if they are near already.
+    """The prepared study with start values from which a search on the FRFs converges.
 
-    Searches on smoothed FRFs, from wide to narrow smoothing, lead there. If none leads near, the last start values are kept.
+    Unchanged if they are near already. Searches on smoothed FRFs, from wide to narrow smoothing and up to six at each
+    level, lead there. If none leads near, the last start values are kept. `work` runs the solver.
     """
     if _is_near(ready.problems):
         return ready
@@ -336,9 +345,9 @@ def confirm_move(
     work: TaskExecutor,
     step: float | None = None,
 ) -> tuple[FloatArray, PreparedStudy] | None:
-    """The free variables after a move towards `end` that the solver confirms, (n_params,), and the study prepared there.
+    """The free variables after a move towards `end` that the solver confirms, (n_params,), and the study there.
 
-    The move is halved until the sum of squares with the solver's FRFs falls; None if it does not within a few halvings.
+    The move is halved until the sum of squares with the solver's FRFs falls; None if it does not in four attempts.
 
     Parameters
     ----------
@@ -385,7 +394,8 @@ def confirm_move(
 def _is_near(problems: Sequence[RecordProblem]) -> bool:
     """True if the initial model is close enough to the measured FRFs for a search on the FRFs themselves.
 
-    At 98 % of the values above the noise, the magnitudes must agree to a factor of 2 (0.7 in the natural logarithm).
+    At 98 % of the values of each record whose noise is below 30 % of them, the magnitudes must agree to a factor of 2
+    (0.7 in the natural logarithm).
     """
     for problem in problems:
         assert isinstance(problem, FrfProblem)
@@ -433,10 +443,10 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
 
 
 def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Angular frequencies (n,), rad/s, that a smoothing level can use, and the weights of the lines for each, (n, n_lines).
+    """Angular frequencies (n,), rad/s, that a smoothing level can use, and weights of the lines for each, (n, n_lines).
 
-    Only frequencies at which the smoothing is wide against the line spacing are used. Each row of weights has the sum
-    1. `omega` (n_lines,) are those of the lines, rad/s, and `level` is the smoothing decay over omega.
+    Used are frequencies at which the smoothing decay exceeds three line spacings. Each row of weights has the sum 1.
+    `omega` (n_lines,) are those of the lines, rad/s, and `level` is the smoothing decay over omega.
     """
     centres = level_frequencies(omega, level)
     centres = centres[level * centres > _WIDE * np.interp(centres, omega, np.gradient(omega))]

@@ -81,7 +81,11 @@ def prepare_study(study: Study) -> PreparedStudy:
 
 
 def compare_with_models(study: Study, setups: tuple[AnySetup, ...]) -> PreparedStudy:
-    """A study prepared for its identification, with its records compared with the initial models of `setups`."""
+    """The study prepared for its identification, with the records of `setups` compared with their initial models.
+
+    It has the set-ups, their problems with shared parameters, and warnings. `StudyError` if a record cannot be used
+    with its model.
+    """
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
     setups = tuple(setup for setup, _, _ in pairs)
@@ -99,7 +103,10 @@ def load_setups(study: Study) -> tuple[AnySetup, ...]:
 
 
 def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
-    """The study with its beams cut into `count` pieces each, and its set-ups, whose records are not read again."""
+    """The study with its beams cut into `count` pieces each, and its set-ups with this structure.
+
+    No record is read again.
+    """
     cut, cache = cut_study(study, count), ResponseCache()
     sources = zip(cut.setups, study.setups, strict=True)
     cut = replace(cut, setups=tuple(replace(new, parameters=old.parameters) for new, old in sources))
@@ -132,6 +139,11 @@ def load_setup(source: SetupSource, cache: ResponseCache, measured: AnySetup | N
         Cache shared by all set-ups of a study.
     measured : RecordSetup, optional
         A set-up with the same record, which is then not read again.
+
+    Raises
+    ------
+    StudyError
+        If a file cannot be used, or the structure lacks a channel; with its place in the study.
     """
     section, structure, parameters, name = source.section, source.structure, source.parameters, source.name
     setup: AnySetup
@@ -153,7 +165,11 @@ def load_setup(source: SetupSource, cache: ResponseCache, measured: AnySetup | N
 
 
 def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cache: ResponseCache) -> AnySetup:
-    """The set-up of histories or FRFs from `read`, the records of its files; `cache` is shared by all set-ups."""
+    """The set-up of FRFs or of time histories from `read`, the records of its files.
+
+    Time histories are fitted as they are if the source has settings for that, else their FRFs. `cache` is shared by all
+    set-ups.
+    """
     record, time, fault_list = source.record, source.record.time, faults(read)
     common = (source.structure, source.parameters)
     if time is None:
@@ -200,7 +216,11 @@ def _require_dofs(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> No
 
 
 def _channel_key(section: Section, key: str) -> str:
-    """The key of the section that names its channels: `key` if it is there, else the key that names channels or the file."""
+    """The key of the section that names its channels, for error messages.
+
+    It is the first that the section has of `key`, "channels_used", "channels", "path" and "repeats"; `key` itself if it
+    has none.
+    """
     for candidate in (key, "channels_used", "channels", "path", "repeats"):
         if candidate in section.table:
             return candidate
@@ -216,9 +236,10 @@ def _within_model(source: SetupSource, setup: AnySetup) -> AnySetup:
 def _prepare_record(
     study: Study, source: SetupSource, setup: AnySetup, name: str
 ) -> tuple[AnySetup, Prepared[RecordProblem], InitialComparison]:
-    """One set-up, its problem and its comparison with the initial model; `name` is put before messages about it.
+    """One set-up, its problem, and the comparison of its record with the initial model.
 
-    The set-up is without measured modes beyond those of the model. Errors are raised with the place in the study file.
+    `name` is put before messages about it. Measured modes beyond those of the model are left out of the set-up. Errors
+    are raised with the place in the study file, also if the model is singular or no line is left in a band.
     """
     method, structure, options = study.section("method"), study.section("structure"), study.options
     section = source.section.section("modes") or source.section
@@ -237,7 +258,11 @@ def _prepare_record(
 
 @contextmanager
 def _locate_empty_band(method: Section, key: str, name: str) -> Iterator[None]:
-    """Context manager: a `NoLinesError` is raised again with the place of the key that leaves no line, and `name` before it."""
+    """Context manager that raises a `NoLinesError` of its block again as `StudyError`, with the place of the key.
+
+    `name` is put before the message. The key is the option that the error names, else `key`; without the key in
+    ``[method]``, the section alone is named.
+    """
     try:
         yield
     except NoLinesError as error:

@@ -114,9 +114,10 @@ class InProcess(Workers):
     def completed(
         self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, TaskResult]]:
-        """Number and result `task(shared, item, tools)` of each item, one after another in this process, each on one thread.
+        """Number and result of each item, computed one after another in this process, each on one thread.
 
-        `items` are by number; `shared` is what all tasks need; `tools(number)` gives the minimizer and progress of its search.
+        A result is `task(shared, item, tools(number))`. `items` are by number; `shared` is what all tasks need;
+        `tools(number)` is the context of a task, with its minimizer and progress.
         """
         pools = ThreadpoolController()
         for count, (number, item) in enumerate(items.items()):
@@ -176,9 +177,11 @@ class RemoteWorkers(Workers):
     def completed(
         self, task: Task[Shared, Item, TaskResult], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, TaskResult]]:
-        """Number and result of each item in the order in which they come back; items of lost workers are sent again.
+        """Number and result of each item, computed on the workers, in the order in which they come back.
 
-        `WorkersLostError` if workers are lost too often.
+        A result is `task(shared, item, context)`. `items` are by number; `shared` is what all tasks need. `tools` is
+        not used: workers have a plain context. Items of lost workers are sent again; `WorkersLostError` if workers are
+        lost more than five times.
         """
         missing, name, losses = dict(items), self._name_of_shared(shared), 0
         while missing:
@@ -195,9 +198,9 @@ class RemoteWorkers(Workers):
         return self.executor().submit(self.answer, name, task, batch)
 
     def _name_of_shared(self, shared: object) -> str:
-        """The name under which workers have the object `shared`, which is sent to them if it is new.
+        """The name under which workers have the object `shared`, which is pickled and sent to them if it is new.
 
-        The last few objects are kept here to recognize them; workers forget the oldest.
+        An object is known by its identity. The last four are kept; workers forget the oldest.
         """
         for name, sent in self._given.items():
             if sent is shared:
@@ -339,9 +342,9 @@ def in_batches(
 ) -> Iterator[tuple[int, TaskResult]]:
     """Number and result of each item of `items`, which are by number, in the order in which batches come back.
 
-    The first batches are single items, which show how long one takes; later ones are larger. `send` sends a batch to one of
-    `n_workers` workers and returns its future; `require_alive` is called while nothing comes back, and raises if the workers
-    are lost.
+    The first batches are single items, which show how long one takes; later ones take about 0.25 s. `send` sends a
+    batch to one of `n_workers` workers and returns its future; `require_alive` is called while nothing comes back, and
+    raises if the workers are lost. Batches under way are cancelled at the end.
     """
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[TaskResult]]] = set()

@@ -66,7 +66,7 @@ def _after_line(text: str, offset: int) -> int:
 
 
 def _add_key(text: str, tokens: TomlTokens, block: TomlBlock) -> None:
-    """Move the key and value at the head of `tokens` into `block`, with their positions in `text`."""
+    """Move the key and value at the head of the words `tokens` into `block`, with their positions in `text`."""
     parts, start = read_key(tokens, "=")
     begin = tokens[-1][1]
     end = _value_end(tokens)
@@ -76,7 +76,7 @@ def _add_key(text: str, tokens: TomlTokens, block: TomlBlock) -> None:
 
 
 def _value_end(tokens: TomlTokens) -> int:
-    """Index in the text after the end of the next value, whose words are removed from `tokens`."""
+    """Index in the text after the end of the next value, whose words (with their indices) are removed from `tokens`."""
     token, at = tokens.pop()
     end = at + len(token)
     if token in ("[", "{"):
@@ -124,8 +124,9 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _after_edit(text: str, edit: Mapping[str, Any]) -> str:
-    """TOML text after one of the edits that `edited` takes; it may be no TOML any more.
+    """TOML text after one edit; it may be no TOML any more.
 
+    `edit` has the key "add", "list", "remove" or "set" with the path, and "table" or "to" with the new content.
     `InputError` if the edit cannot be made, also because an edit before it left no TOML.
     """
     try:
@@ -140,6 +141,12 @@ def _after_edit(text: str, edit: Mapping[str, Any]) -> str:
 
 
 def _edited_once(text: str, edit: Mapping[str, Any]) -> str:
+    """TOML text after one edit, a mapping with the key ``add``, ``list``, ``remove`` or ``set``.
+
+    This key holds the path that is changed, of names and positions (from 0). ``add`` comes with ``table`` (TOML texts
+    by key), ``set`` with ``to`` (a TOML value). The text is not checked. `InputError`, `ValueError` or `LookupError` if
+    the edit cannot be made.
+    """
     if "add" in edit:
         return _with_entry(text, tuple(edit["add"]), edit["table"])
     if "list" in edit:
@@ -189,11 +196,11 @@ def _numbered_entries(content: Any) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def _edits_between(path: KeyPath, before: Any, after: Any, numbers: Mapping[int, int]) -> Iterator[dict[str, Any]]:
-    """Edits, as `edited` takes them, that turn the content `before` under `path` into `after` when made one after another.
+    """Edits, as mappings, that turn the content `before` under `path` into `after` when made one after another.
 
-    In an array of tables, entries that are still there are changed, those that are gone are removed from the last one on, and
-    new ones are appended; other lists are written anew. `numbers` gives the position, from 0, that each table of an array in
-    `after` had before, by the `id` of the table; a table without a number is new.
+    In an array of tables, entries that are still there are changed, those that are gone are removed from the last one
+    on, and new ones are appended; other lists are written anew. `numbers` gives the position, from 0, that each table
+    of an array in `after` had before, by the `id` of the table; a table without a number is new.
     """
     if isinstance(before, dict) and isinstance(after, dict):
         for key in before:
@@ -261,6 +268,7 @@ def _require_toml(text: str, words: str) -> dict[str, Any]:
 def _with_value(text: str, path: KeyPath, value: str) -> str:
     """TOML text with the key at `path` set to `value` (TOML text), changed in place or added to its table.
 
+    A table that is missing is added too, and an inline table sets one that is written in blocks key by key.
     `InputError` if the path ends in a position or a table, or leads to an entry that is not there.
     """
     blocks = blocks_of(text)
@@ -313,7 +321,8 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
 def _changed_inline(text: str, span: _Span, keys: KeyPath, value: str | None) -> str:
     """TOML text with the entry at `keys` inside an inline table or list set to `value`, or removed if that is None.
 
-    `span` is the position of the whole inline value; `InputError` if `keys` leads nowhere in it.
+    `span` is the position of the whole inline value. A list that becomes empty is removed with its key. `InputError` if
+    `keys` leads nowhere in the value.
     """
     whole: Any = tomlkit.value(text[span.value : span.end])
     try:
@@ -363,7 +372,7 @@ def _without_key(text: str, path: KeyPath) -> str:
 
 
 def _as_array_of_tables(text: str, path: KeyPath) -> str:
-    """TOML text with the header of the table at `path` turned into that of the first entry of an array of tables.
+    """TOML text with the header ``[path]`` turned into ``[[path]]``, that of the first entry of an array of tables.
 
     `InputError` if the table has no header of its own.
     """
@@ -378,7 +387,10 @@ def _as_array_of_tables(text: str, path: KeyPath) -> str:
 
 
 def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
-    """TOML text with a new entry after the last one of the array of tables at `path`; `table` has TOML texts by key."""
+    """TOML text with a new entry at the end of the array of tables at `path`, which is begun if there is none.
+
+    `table` has TOML texts by key, each one value, else `InputError`.
+    """
     keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
     entry = f"[[{_name(path)}]]\n{keys}"
     blocks = blocks_of(text)
@@ -396,9 +408,11 @@ def _with_entry(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
 
 
 def _inserted_block(text: str, blocks: Sequence[TomlBlock], path: KeyPath, entry: str) -> str:
-    """TOML text with the new table `entry` (TOML text) inserted next to related tables, or at its customary position.
+    """TOML text with the new table `entry` (TOML text) inserted after related tables, or at its customary position.
 
-    `blocks` are the tables of `text`, `path` is that of the new table.
+    `blocks` are the tables of `text`, `path` is that of the new table. Tables are related by the longest common start
+    of their paths; without any, sections stand in the order structure, unknown, record, method, regularization, plan,
+    and others last.
     """
     for length in range(len(path) - 1, 0, -1):
         near = [block for block in blocks if block.path and block.path[:length] == path[:length]]

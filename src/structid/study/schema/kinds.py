@@ -170,7 +170,7 @@ def or_none(kind: Kind) -> Kind:
 
 
 def either(*kinds: Kind) -> Kind:
-    """A kind that accepts what any of `kinds` accepts; a value is converted by the first that accepts it."""
+    """A kind that accepts what any of `kinds` accepts; a value is converted by the first of them that accepts it."""
 
     def made(value: JsonValue) -> Any:
         return next(kind for kind in kinds if kind.accepts(value)).made(value)

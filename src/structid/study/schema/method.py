@@ -42,7 +42,11 @@ def read_method(section: Section | None) -> IdentifyOptions:
 
 
 def method_table(options: type = IdentifyOptions) -> Table:
-    """All keys of ``[method]``, or, for another dataclass `options`, those that its fields contribute."""
+    """All keys of ``[method]``, or, for another dataclass `options`, those that its fields contribute.
+
+    A field that holds a dataclass gives the keys of that class; a field with a choice of searches gives the keys of all
+    of them, and the key ``search``.
+    """
     groups = {item.name: _key_classes(options, item.name) for item in fields(options)}
     table = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
     merged = Table({_NAMES.get(name, name): key for name, key in table.keys.items()})
@@ -60,7 +64,8 @@ def method_table(options: type = IdentifyOptions) -> Table:
 def _make_options(options: type[T], values: Given, search: str | None) -> T:
     """An object of the class `options` made from `values`, from which the keys that it takes are removed.
 
-    `search` is the name of the search method; None for the default.
+    Arguments that are dataclasses are made from `values` too. `search` is the name of the search method; None for the
+    default.
     """
     arguments: Given = {}
     for item in inspect.signature(options).parameters:

@@ -121,7 +121,10 @@ def load_plan(path: str | Path, work: TaskExecutor = SERIAL, **changes: Any) -> 
 
 
 def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple[str, ...]:
-    """Sentences on which sensors of ``[record.sensors]`` are candidates of the plan, and which are not."""
+    """At most two sentences: which sensors of ``[record.sensors]`` are candidates of the plan, and which are not.
+
+    An empty tuple if the structure has no such sensors.
+    """
     aimed = [tie for tie in structure.ties if isinstance(tie, AimedSensor)]
     candidates = {dof.unsigned for dof in (*options.sensors, *options.loads)}
     names = [
@@ -170,7 +173,8 @@ def _read_options(
 ) -> tuple[PlanOptions, tuple[str, ...]]:
     """Options of the plan with defaults from the record and from ``[method]``, and notes on them.
 
-    `aimed` gives the structure's names of aimed sensors, `declared` the noise that the record's section states.
+    `aimed` gives the structure's names of aimed sensors, `declared` the noise that the record's section states;
+    `record` is None if the plan has none. `StudyError` if the structure lacks a sensor or load.
     """
     values = section.values(PLAN)
     frequency, line_notes = _candidate_lines(section, values, structure, unknown, record, method)
@@ -211,8 +215,9 @@ def _candidate_lines(
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
     """Candidate frequencies in Hz and notes: those of the plan, those of the record, or spread over a band.
 
-    Without any band, they reach over the modes of the model. The keys that are used here are removed from `values`. `record`
-    is None if the plan has none to take lines from.
+    The band is that of the plan, of ``[method]``, of the record, or else reaches over the modes of the model; 400 lines
+    by default. The keys that are used here are removed from `values`. `record` is None if the plan has none to take
+    lines from.
     """
     band, spacing = values.pop("band", None), values.pop("spacing", "linear")
     axis, count = values.pop("frequency", None), values.pop("n_lines", None)
@@ -247,10 +252,11 @@ def _band_of_modes(structure: Structure, unknown: Parameters) -> tuple[float, fl
 def _noise_levels(
     section: Section, record: FrfRecord | None, declared: NoiseSource, model_error: float
 ) -> tuple[float, float, tuple[str, ...]]:
-    """Relative noise, absolute noise (in the unit of the FRFs) and notes: as declared, else the record's median, else 1 %.
+    """Relative noise, absolute noise (in the unit of the FRFs) and notes on where they come from.
 
-    `model_error` (relative) is added to the relative noise as a sum of squares, and stands alone where neither is there.
-    `record` is None if the plan has none.
+    They are stated in the plan, else declared for the record, else the record's median, else 1 %. `model_error`
+    (relative) is added to the relative noise as a sum of squares, and stands alone where no noise is given. `record` is
+    None if the plan has none.
     """
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE

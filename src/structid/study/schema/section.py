@@ -183,7 +183,7 @@ class Section:
         return self.section(key) or Section(self.source, (*self.path, key), {})
 
     def sections(self, key: str) -> list[Section]:
-        """The entries of the array of tables `key` inside this one; an empty list if it is absent.
+        """The entries of the array of tables `key` inside this one, in order; an empty list if it is absent.
 
         `StudyError` if the key holds anything else.
         """
@@ -213,9 +213,10 @@ _MEANT = {
 
 
 def _nearest(name: str, value: JsonValue, keys: Mapping[str, Key]) -> list[str]:
-    """Names of the keys most similar to `name`, among those that may hold a table if `value` is one, else a plain value.
+    """Names of the keys most similar to `name`: those of the highest ratio of common letters, several in a tie.
 
-    A word in `_MEANT` has the keys listed there instead, as far as `keys` has them.
+    They are sought among keys that may hold a table if `value` is one, else a plain value; among all if there are none.
+    A word that usually stands for known keys has these instead, as far as `keys` has them.
     """
     meant = [key_name for key_name in _MEANT.get(name, ()) if key_name in keys]
     if meant:
@@ -303,7 +304,10 @@ def read_root(path: str | Path, work: TaskExecutor = SERIAL) -> tuple[Section, I
 
 
 def root_of(source: StudyText) -> Section:
-    """The root section of a study file, after a check that the names of its sections are known."""
+    """The root section of a study file.
+
+    `StudyError` if a section is unknown or missing, or ``structure`` is no table.
+    """
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")

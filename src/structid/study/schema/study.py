@@ -144,7 +144,7 @@ def edited_study(study: Study, tables: Mapping[str, JsonValue], work: TaskExecut
 def cut_study(study: Study, count: int) -> Study:
     """The study with `subdivide = count` in its structure: bars and beams that can be cut are cut into so many pieces.
 
-    The same study where they are so already.
+    The same object is returned where they are already.
     """
     if all(source.structure.subdivide == count for source in study.setups):
         return study
@@ -156,7 +156,8 @@ def cut_study(study: Study, count: int) -> Study:
 def _make_study(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
     """The study of a root section; structures of the set-ups `before` are reused where their tables are unchanged.
 
-    `files` is the list of input files, to which those that are read are added.
+    `files` is the list of input files, to which those that are read are added. `StudyError` without ``[record]``, or if
+    a section cannot be used.
     """
     if "record" not in root.table:
         raise root.error(

@@ -55,7 +55,10 @@ class Key:
 
     @property
     def schema(self) -> Schema:
-        """The key as JSON Schema, with its description and default."""
+        """The key as JSON Schema, with its description and default if it has them.
+
+        An array of items if the key is `listed`.
+        """
         schema: Schema = {"type": "array", "items": self.holds.schema} if self.listed else {**self.holds.schema}
         if self.description:
             schema["description"] = self.description

@@ -87,7 +87,7 @@ def words_of(text: str, passed_over: str) -> TomlTokens:
 def read_key(tokens: TomlTokens, end: str) -> tuple[list[str], int]:
     """The parts of a dotted key up to the token `end`, and the index in the text where the key begins.
 
-    The key and `end` are removed from `tokens`.
+    `tokens` are words with their indices, the next one last; the key and `end` are removed from them.
     """
     parts: list[str] = []
     line = tokens[-1][1]
@@ -100,10 +100,10 @@ def read_key(tokens: TomlTokens, end: str) -> tuple[list[str], int]:
 
 
 def header(tokens: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
-    """The path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `tokens`, with positions in arrays of tables.
+    """Path of the header ``[a.b]`` or ``[[a.b]]`` at the head of `tokens`, with positions (from 0) in arrays of tables.
 
-    `counts` holds the present length of each array and is updated. The index in the text where the path begins is noted in `lines`
-    for each table on the way that is not there yet.
+    Its words are removed from `tokens`. `counts` holds the present length of each array and is updated. The index in
+    the text where the path begins is noted in `lines` for each table on the way that is not there yet.
     """
     tokens.pop()
     is_array = tokens[-1][0] == "["

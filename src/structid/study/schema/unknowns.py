@@ -72,7 +72,7 @@ def read_parameters(root: Section, structure: Structure, element_sets: Collectio
 
 
 def _read_unknown(entry: Section) -> Unknown:
-    """The declaration of one ``[[unknown]]`` table, with its field and prior."""
+    """The declaration of one ``[[unknown]]`` table, with its field and prior; each is None if the table has none."""
     values = entry.values(UNKNOWN)
     field = entry.section("field")
     if field is not None:
@@ -81,7 +81,10 @@ def _read_unknown(entry: Section) -> Unknown:
 
 
 def read_prior(entry: Section) -> Prior | None:
-    """The prior that an unknown states, or None; `StudyError` unless it has either ``std`` or ``relative_std``."""
+    """The prior that an unknown states, or None; ``relative_std`` is taken of the magnitude of the mean.
+
+    `StudyError` unless it has either ``std`` or ``relative_std``.
+    """
     section = entry.section("prior")
     if section is None:
         return None
@@ -94,9 +97,9 @@ def read_prior(entry: Section) -> Prior | None:
 
 
 def read_regularization(root: Section, structure: Structure, unknown: Parameters) -> tuple[Regularization, ...]:
-    """The regularization terms of the ``[[regularization]]`` tables, checked on the parameters; () if there are none.
+    """The regularization terms of the ``[[regularization]]`` tables, in order; () if there are none.
 
-    `unknown` are the parameters of the study on `structure`.
+    `unknown` are the parameters of the study on `structure`. `StudyError` if a term does not fit them.
     """
     terms = []
     for entry in root.sections("regularization"):

@@ -138,7 +138,7 @@ class _Reader:
     known: dict[Path, Mapping[str, ImportedMatrix]] = field(default_factory=dict)
 
     def matrices(self, name: str) -> Mapping[str, ImportedMatrix]:
-        """The matrices of the file `name`, by their names; each file is read once and then kept."""
+        """The matrices of the file `name`, by the names in it; each file is read once and then kept in `known`."""
         path = self.files.folder / name
         if path not in self.known:
             self.known[path] = importers.read_matrices(self.files.path(name))
@@ -146,7 +146,10 @@ class _Reader:
 
 
 def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Groups of matrices from files, in SI units, each with its section, and the degrees of freedom marked as constrained.
+    """Matrix groups from files, in SI units, each with its section, and the degrees of freedom marked as constrained.
+
+    Those that no group has are left out of the latter. Without ``[structure.matrices]`` units are m and N, and rows are
+    numbered by the files.
 
     Parameters
     ----------
@@ -158,7 +161,7 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     Raises
     ------
     StudyError
-        If there is no group, or one cannot be read; with its place in the study.
+        If ``[structure.matrices]`` stands without a group, or a group cannot be read; with its place in the study.
     """
     entries = section.sections("matrix_group")
     matrices = section.section("matrices")
@@ -179,10 +182,10 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
 def _read_entries(
     entries: list[Section], dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader
 ) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Matrix groups of the tables `entries`, each with its table, and the degrees of freedom that files mark as constrained.
+    """Matrix groups of the tables `entries`, each with its table, and the degrees of freedom that files constrain.
 
-    The rows of the matrices belong to `dofs` or, if that is None, to those that the files state. `units` are those of length
-    and force in the files.
+    Constrained ones that no group has are left out. The rows of the matrices belong to `dofs` or, if that is None, to
+    those that the files state. `units` are those of length and force in the files.
     """
     groups = [(entry, _read_group(entry, dofs, units, reader)) for entry in entries]
     constrained = [
@@ -200,7 +203,8 @@ def _read_entries(
 def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
     """The group of matrices that one entry describes, in SI units, on `dofs` or, if None, on those of its files.
 
-    Each matrix must be positive semidefinite unless the entry says ``indefinite``. `units` are those of length and force.
+    Each matrix must be positive semidefinite unless the entry says ``indefinite``, else `StudyError`. `units` are those
+    of length and force in the files. Several files of one key are added.
     """
     values = entry.values(GROUP)
     parts: dict[str, list[ImportedMatrix]] = {}
@@ -222,7 +226,8 @@ def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, 
 def _own_numbering(entry: Section, by_key: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
     """The degrees of freedom that the matrix files of a group state for their rows, each once, in the order of nodes.
 
-    `by_key` are the imported matrices by key of the entry; () if there are none, `StudyError` if a file states no numbering.
+    `by_key` are the imported matrices by key of `entry`, the group's table; () if there are none, `StudyError` if a
+    file states no numbering.
     """
     tables: list[IntArray] = []
     for key, imported_matrices in by_key.items():
@@ -274,9 +279,10 @@ def _signed_table(dofs: tuple[Dof, ...], imported: ImportedMatrix) -> IntArray:
 
 
 def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> ImportedMatrix:
-    """Matrix under `key` of an entry, whose `value` names a file, some elements of a file, or two exports to subtract.
+    """Matrix under `key` of an entry, whose `value` names a file, a matrix or elements in it, or two exports.
 
-    It is as the file has it, in its units and numbering.
+    Of two exports, the change is taken. It is as the file has it, in its units and numbering; a single triangle is
+    completed if ``one_triangle`` says so. `InputError` unless it is real and square.
     """
     if isinstance(value, str):
         return _require_real_square(_choose_matrix(key, value, None, reader), value)
@@ -293,7 +299,7 @@ def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> Impor
 def _read_difference(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
     """A group matrix computed from the difference of two exports of one mesh, checked by a third if there is one.
 
-    `section` names the files and the factors by which the group was changed.
+    `section` names the files and the factors by which the group was changed. `InputError` if their numberings differ.
     """
     files_given = section.read(ExportsEntry)
     files = {"base": files_given.base, "changed": files_given.changed, "third": files_given.third}
@@ -317,9 +323,10 @@ def _read_difference(entry: Section, key: str, section: Section, reader: _Reader
 
 
 def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> ImportedMatrix:
-    """The matrix `matrix` of the file `name`, in any case of letters; None takes the only one, or the one that fits `key`.
+    """The matrix called `matrix` in the file `name`, in upper or lower case.
 
-    `InputError` if there is no such matrix, or several could be meant.
+    None takes the only one, or the one that fits `key`. `key` is mass, stiffness or damping. `InputError` if there is
+    no such matrix, or several could be meant.
     """
     matrices = reader.matrices(name)
     if matrix is None:

@@ -69,7 +69,11 @@ MESH, SUPPORT = table_of(MeshEntry), table_of(SupportEntry)
 
 
 def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
-    """The mesh that ``[structure]`` names, in SI units and checked; None if it names none."""
+    """The mesh that ``[structure]`` names, in SI units and checked; None if it names none.
+
+    Nodes without an element and duplicate nodes are treated as the section says. `StudyError` if the mesh cannot be
+    used, or lacks a part that ``take`` names.
+    """
     inner = _mesh_section(section)
     if inner is None:
         return None
@@ -116,7 +120,8 @@ class TakenParts:
 def take_parts(section: Section, mesh: Mesh, elements: list[ElementSet]) -> TakenParts:
     """Element sets and ties from those parts of the deck that ``[structure.mesh]`` takes, and texts on the others.
 
-    `elements` are the element sets of the study file; nothing is taken if the structure names no mesh.
+    `elements` are the element sets of the study file; nothing is taken if the structure names no mesh. `StudyError` for
+    a part that is not there, or offsets on nodes that do not move in all six directions.
     """
     inner = _mesh_section(section)
     if inner is None:
@@ -173,9 +178,10 @@ def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) 
 
 
 def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh: Mesh) -> IntArray:
-    """Node labels of an element set on `group` of the mesh, or on all its cells if that is None, (n_elements, n_nodes).
+    """Node labels of an element set on `group` of the mesh, or on all its cells if that is None.
 
-    `kind` is the class of the element set; masses may be on a group of nodes.
+    The table is (n_elements, n_nodes). `kind` is the class of the element set. A class that follows nodes, such as a
+    mass, takes a group of nodes, one element each. `StudyError` if there is no such group.
     """
     with entry.located("group" if group is not None else None):
         if kind.follows and group is not None:
@@ -184,7 +190,10 @@ def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh:
 
 
 def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet]) -> None:
-    """Raise `StudyError` if cells of the mesh belong to none of the sets `elements` and are not in `leave_out`."""
+    """Raise `StudyError` if cells of the mesh belong to none of the sets `elements` and are not in ``leave_out``.
+
+    `section` is ``[structure]``, whose ``mesh`` has that key.
+    """
     inner = section.section("mesh") if isinstance(section.table.get("mesh"), dict) else None
     wanted = inner.read(MeshEntry) if inner is not None else MeshEntry("")
     with (inner or section).located("leave_out" if wanted.leave_out else "mesh" if inner is None else None):
@@ -216,7 +225,8 @@ def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -
 def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, nodes: Collection[int]) -> list[int]:
     """Sorted labels of the nodes that satisfy every condition of a support: its list, its group and its coordinates.
 
-    `nodes` are all labels; an error if no node is left.
+    `nodes` are all labels, `mesh` is None if there is none. `StudyError` if the entry has no condition, one needs a
+    mesh, or no node is left.
     """
     chosen = set(nodes)
     if not {"group", "nodes", *_AXES} & set(entry.table):

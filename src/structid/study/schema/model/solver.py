@@ -127,7 +127,11 @@ def read_solver(section: Section, files: InputFiles) -> external.SolvedModel | N
 
 
 def _run_solver(section: Section, files: InputFiles) -> external.SolvedModel:
-    """The model that the solver's runs give, of FRFs, modes or matrices, as ``gives`` in the section says."""
+    """The model that the solver's runs give, of FRFs, modes or matrices, as ``gives`` in the section says.
+
+    Deck, outputs and command are read from ``[structure.solver]``; input files are added to `files`. `InputError` if a
+    key or file cannot be used, or a run fails.
+    """
     values = SOLVER.defaults | section.values(SOLVER)
     with section.located("deck"):
         texts = deck_texts([files.path(name) for name in as_list(values["deck"])])
@@ -186,7 +190,8 @@ def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
 def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:
     """The parameters of the deck, and the texts of its files by name, with each parameter marked in them.
 
-    `texts` are those of the files as they are.
+    `texts` are those of the files as they are. A parameter without ``value`` has the number at its marks. `StudyError`
+    if there is none, or one has neither value nor mark.
     """
     entries = section.sections("parameter")
     if not entries:
@@ -210,7 +215,8 @@ def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[D
 def _find_positions(entry: Section, marks: JsonValue, texts: Mapping[str, str]) -> list[DeckPosition]:
     """Positions of a parameter in the deck, one for each of its `marks` (a table or a list of tables).
 
-    `texts` are the files of the deck by name.
+    A mark names a card and field, or a keyword and entry. `texts` are the files of the deck by name; `StudyError` if
+    none has it.
     """
     found_positions = []
     for k, table in enumerate(marks if isinstance(marks, list) else [marks]):
@@ -227,7 +233,8 @@ def _read_outputs(
 ) -> external.MatricesOut | external.ModesOut | external.FrfsOut:
     """The output that the study expects of a run: matrices, modes or FRFs.
 
-    `values` are the values of the section, `stem` fills file names. `StudyError` for a key of another kind of output.
+    `values` are the values of the section, `stem` fills file names. `StudyError` for a key of another kind of output,
+    or a missing one. For FRFs the records are read, and added to `files`.
     """
     gives = values["gives"]
     for kind, keys in _OF_KIND.items():
@@ -280,9 +287,10 @@ def _read_outputs(
 
 
 def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
-    """A file name in the folder of a run, from `text` with ``{stem}`` filled in; `StudyError` if it has folders.
+    """A file name in the folder of a run, from `text` with ``{stem}`` filled in.
 
-    `key` is named in errors.
+    `StudyError` if it has folders or other braces. `key` is named in errors; `stem` has the deck's name without its
+    suffix, under the key "stem".
     """
     try:
         name = text.format(**stem)

@@ -175,7 +175,10 @@ def _element_key(name: str) -> Key:
 
 
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
-    """All keys of the element type `kind`; with `on_mesh` its nodes may come from a group of the mesh."""
+    """All keys of the element type `kind`.
+
+    With `on_mesh`, ``nodes`` is optional and ``group``, of cells of the mesh, is a key.
+    """
     table = own_table(kind)
     if "nodes" not in table.keys:
         return table
@@ -185,9 +188,10 @@ def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
 
 
 def read_tolerances(section: Section) -> Tolerances:
-    """The tolerances of fixed values that ``[structure]`` states, as one number for all kinds or by kind; else the defaults.
+    """The tolerances of fixed values that ``[structure]`` states, as one number for all kinds or by kind.
 
-    The calibration of records keeps its default.
+    Else the defaults. One number holds for masses and stiffnesses, 0 also for dampings. The calibration of records
+    keeps its default.
 
     Raises
     ------
@@ -304,8 +308,9 @@ def _make_structure(
 ) -> Structure:
     """The structure of the parts that were read; an error gets the place of the part that its message names.
 
-    `options` are the plain values of ``[structure]``; `file_words` are texts on parts of the mesh file that were left aside,
-    and notes on it.
+    `parts` are elements, ties, fixed degrees of freedom and measured components. `options` are the plain values of
+    ``[structure]``; `file_words` are texts on parts of the mesh file that were left aside, and notes on it. Beams are
+    not cut unless ``subdivide`` is a number.
     """
     elements, ties, fixed, measured = parts
     active = as_list(options["active"]) if "active" in options else None
@@ -334,9 +339,11 @@ def _make_structure(
 
 
 def _apply_changes(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
-    """The parts of the structure as ``[record.structure]`` of one set-up changes them; its own nodes are added to `nodes`.
+    """The parts of the structure as ``[record.structure]`` of one set-up changes them.
 
-    `mesh` is None if the study has none.
+    Its own nodes are added to `nodes`. Sets, ties and measured components named in ``without`` are left out, further
+    ones added; ``fixed`` or ``support`` replaces all fixed degrees of freedom. `mesh` is None if the study has none.
+    `StudyError` for an unknown name or a node that is there already.
     """
     elements, ties, fixed, measured = parts
     values = changes.values(changes_table())
@@ -373,9 +380,10 @@ def _error_at_part(
     message: str,
     named: Sequence[tuple[Section, MeasuredComponent | Component | ElementSet | Tie | Base]],
 ) -> InputError:
-    """An error with `message` and the place in the study of the first part that the message names, else of the key it names.
+    """An error with `message` and the place in the study of the first part, else of the key, that the message names.
 
-    `named` are the parts of the structure, each with its section; `section` is ``[structure]``.
+    `named` are the parts of the structure, each with its section; `section` is ``[structure]``, which is named alone if
+    nothing fits.
     """
     for entry, part in named:
         if repr(part.name) in message:
@@ -392,9 +400,10 @@ def _read_nodes(
     mesh: Mesh | None = None,
     solved: SolvedModel | None = None,
 ) -> Positions:
-    """Positions in m by node label, from the mesh, from ``[structure.nodes]``, or else from the solver or the matrix groups.
+    """Positions in m by node label, from the mesh, ``[structure.nodes]``, or else the solver or the matrix groups.
 
-    Nodes of matrix groups are all at the origin. `mesh` and `solved` are None if the study has none.
+    A mesh may have further nodes in ``[structure.nodes]``. Nodes of matrix groups are all at the origin. `mesh` and
+    `solved` are None if the study has none. `StudyError` without any node, or with different numbers of coordinates.
     """
     inner = section.section("nodes")
     if inner is None and mesh is None and solved is not None:
@@ -435,7 +444,7 @@ def _read_element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh
     """The element set of the class `kind` that one entry describes.
 
     Its nodes are those in the entry, or else those of a group of the mesh or of all its cells. `mesh` is None if the
-    study has none.
+    study has none. `StudyError` for a node that does not exist, or a key that does not fit.
     """
     table = element_table(kind, mesh is not None)
     if "subdivide" in entry.table and kind.is_line:
@@ -468,7 +477,10 @@ def _require_node(entry: Section, key: str, node: int, nodes: Collection[int]) -
 
 
 def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> Dof:
-    """The text or object `text` as a degree of freedom, after a check that its node exists; `key` is named in errors."""
+    """The degree of freedom that `text` names, after a check that its node exists, else `StudyError`.
+
+    `key` is named in errors.
+    """
     with entry.located(key):
         dof = parse_dof(text)
     _require_node(entry, key, dof.node, nodes)
@@ -504,7 +516,11 @@ def _read_base(entry: Section, nodes: Positions) -> Base:
 
 
 def _read_component(entry: Section, nodes: Positions) -> Component:
-    """The component that one entry reduces; without ``up_to`` the frequency limit follows from the upper end of the band."""
+    """The component that one entry reduces.
+
+    Without ``up_to`` its frequency limit is three times the upper end of the band. `StudyError` without either, or if a
+    node of the interface does not exist.
+    """
     values = entry.values(_COMPONENT)
     if "up_to" not in values:
         method = Section(entry.source, (), entry.source.table).inner("method")
@@ -556,7 +572,10 @@ def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
 
 
 def _read_constraint(entry: Section, nodes: Positions) -> Tie:
-    """The multi-point constraint of one entry: a dependent degree of freedom as a sum of others times factors."""
+    """The multi-point constraint of one entry: a dependent degree of freedom as a sum of others times factors.
+
+    `StudyError` if a node does not exist.
+    """
     values = entry.values(_CONSTRAINT)
     dependent = _known_dof(entry, "dependent", values["dependent"], nodes)
     pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in values["depends_on"]]

@@ -65,7 +65,10 @@ class FrfSettings:
 
 
 def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> FrfSettings:
-    """The settings in ``[record.frf]``; `inputs` and `outputs` of ``[record]`` are the defaults of its channels."""
+    """The settings in ``[record.frf]`` for averaging spectra.
+
+    `inputs` and `outputs` of ``[record]``, as texts, are the defaults of its channels.
+    """
     values = section.values(FRF)
     channels = {}
     for key, outer in (("inputs", inputs), ("outputs", outputs)):
@@ -77,7 +80,8 @@ def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]
 def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRecord:
     """FRFs from averaged spectra of one time record, or of repeats.
 
-    Without channels in `settings`, the inputs are all force channels and the outputs all motions.
+    Without channels in `settings`, the inputs are all force channels and the outputs all motions, or those of the
+    stated quantity.
 
     Raises
     ------
@@ -124,14 +128,15 @@ class TimeSource:
     settings: TimeFit
 
     def with_noise(self, records: Sequence[TimeRecord]) -> TimeRecord:
-        """The time record with the variance of each channel from the stated noise, absolute and relative to the rms.
+        """The time record with the variance of each channel from the stated noise.
 
-        `records` must hold one record; a variance that it has is kept if no noise is stated.
+        The noise is absolute, relative to the channel's rms, or both, added as squares. `records` must hold one record;
+        a variance that it has is kept if no noise is stated.
 
         Raises
         ------
         StudyError
-            If there are repeats, or the noise is not known.
+            If there are repeats, the noise is not known, all samples are 0, or the record does not reach a stated tone.
         """
         if len(records) > 1:
             raise self.section.error("takes one time record; give each of the repeats a [[record]] of its own")
@@ -171,7 +176,10 @@ def _value_of_each_channel(name: str, numbers: tuple[float, ...], record: TimeRe
 
 
 def read_time(section: Section) -> TimeSource:
-    """The settings in ``[record.time]``; `StudyError` for a key that the stated ``fit`` does not use."""
+    """The settings in ``[record.time]``: noise and relative noise of the channels, and the options of the fit.
+
+    The fit is of spectra unless ``fit`` says otherwise; `StudyError` for a key that the stated ``fit`` does not use.
+    """
     values = section.values(TIME)
     fit = values.get("fit", "spectra")
     for key in _OF_TIME if fit == "spectra" else _OF_SPECTRA:

@@ -36,9 +36,9 @@ class ModeDeviations:
     ] = ()
 
     def added_to(self, record: ModalRecord) -> ModalRecord:
-        """The modal record with the standard deviations that the study states for frequencies (Hz), damping ratios and shapes.
+        """The modal record with the stated standard deviations of frequencies (Hz), damping ratios and shapes.
 
-        Those of a shape are the stated part of its largest entry.
+        Those of a shape are the stated part of its largest entry; what is not stated stays as the record has it.
 
         Raises
         ------

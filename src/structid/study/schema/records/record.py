@@ -154,10 +154,16 @@ def read_source(
     supports: frozenset[Dof] = frozenset(),
     keys: Table | None = None,
 ) -> RecordSource:
-    """The source that ``[record]`` describes; its files must exist but are not read.
+    """The source that ``[record]`` describes; its files must exist but are not read, and are added to `files`.
 
-    See `ChannelSource` for `aimed` and `supports`. `keys` are the valid keys of another section that says where FRFs are.
-    Raises `StudyError` if a key cannot be used or a file is missing.
+    `aimed` gives the structure's names of sensors aimed in any direction, by channel; `supports` are the supports that
+    drive the structure, in their positive directions. `keys` are the valid keys of another section that says where FRFs
+    are; None for those of ``[record]``.
+
+    Raises
+    ------
+    StudyError
+        If a key cannot be used or a file is missing.
     """
     called = aimed or {}
     table = keys or record_table(Table())
@@ -250,7 +256,7 @@ def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
 
 
 def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | None = None) -> FrfRecord:
-    """The FRF record of a source, with its noise and the used sensors.
+    """The FRF record of a source, with its noise and the used sensors; time histories are averaged to FRFs.
 
     `read` are the records of its files if these were read before; by default they are read here.
 
@@ -277,14 +283,15 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
 def load_histories(
     source: RecordSource, time: record_kinds.TimeSource, read: Sequence[FrfRecord | TimeRecord] | None = None
 ) -> TimeRecord:
-    """The time record of a source that is fitted itself, with its noise, the used sensors and all loads.
+    """The time record of a source that is fitted as it is, with its noise, the used sensors and all loads.
 
-    `read` are the records of its files if these were read before; by default they are read here.
+    `read` are the records of its files if these were read before; by default they are read here. All sensors are used
+    if the source names none.
 
     Raises
     ------
     StudyError
-        As `load_record`, or if the record holds frequency response functions.
+        If a file is damaged, holds FRFs, or lacks what the study asks for.
     """
     with source.section.located("path" if "path" in source.section.table else "repeats"):
         histories = [
@@ -343,9 +350,10 @@ def _named_shortly(source: str, path: Path) -> str:
 
 
 def _mark_support_motion(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfRecord | TimeRecord:
-    """The record with accelerations of supports that drive the structure marked as inputs.
+    """The record with accelerations of `supports`, which drive the structure, marked as inputs.
 
-    FRFs of accelerations per motion of such supports become transmissibilities, since a force there would have no effect.
+    FRFs of accelerations become transmissibilities if all their inputs are such supports, since a force there would
+    have no effect. Other records are returned unchanged.
     """
     if isinstance(record, FrfRecord):
         moved = record.kind == "accelerance" and all(dof.unsigned in supports for dof in record.inputs)

@@ -95,7 +95,10 @@ def read_sensors(
 
 
 def _sensor_section(section: Section, channel: str) -> Section:
-    """The table of the channel `channel` in ``[record.sensors]``, whose section is `section`."""
+    """The table of the channel `channel` in ``[record.sensors]``, whose section is `section`.
+
+    `StudyError` if it is no table.
+    """
     entry = section.table[channel]
     if not isinstance(entry, dict):
         raise section.error("must be a table, as in { node = 12, direction = [0.3, 0.95, 0.0] }", channel)
@@ -105,10 +108,11 @@ def _sensor_section(section: Section, channel: str) -> Section:
 def _node_of_sensor(
     sensor: SensorEntry, number: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
 ) -> tuple[int, float]:
-    """Label of the node that a sensor reads, and its distance in m from the point that the study states (0 without a point).
+    """Label of the node that a sensor reads, and its distance in m from the stated point (0 without a point).
 
     `number` is the node in the sensor's name, taken if neither node nor point is stated. `nodes` are positions in m by
-    label. Raises `InputError` if node and point are both stated, or there is no such node.
+    label; those of `elements` can be nearest to a point. Raises `InputError` if node and point are both stated, there
+    is no such node, or none is within the tolerance.
     """
     if sensor.point is not None:
         if sensor.node is not None:
