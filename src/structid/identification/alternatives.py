@@ -42,7 +42,10 @@ class DecidingMeasurement:
 
     @property
     def words(self) -> str:
-        """The measurement in words, with what the first sets of values predict of it."""
+        """The measurement's name, and the value with unit that each of the first six sets predicts of it.
+
+        A count stands for further sets.
+        """
         predictions = ", ".join(format_number(value, 3) for value in self.predicted[:_MOST_TOLD])
         more = len(self.predicted) - _MOST_TOLD
         unit = f" {self.unit}" if self.unit else ""
@@ -88,7 +91,10 @@ class Alternatives:
 
     @property
     def words(self) -> str:
-        """A clause with the number of sets and the measurement that would decide among them."""
+        """A clause with the number of sets of values and the measurement that would decide among them.
+
+        Without such a measurement it says to give a prior or measure more, or nothing if priors choose the first set.
+        """
         least = "" if self.is_exhaustive else "at least "
         which = "of which priors choose the first" if self.chosen_by_priors else "which fit equally well"
         if self.deciding is None:
@@ -116,10 +122,11 @@ def alternatives(
     Parameters
     ----------
     estimate : Estimate
-        The first set.
+        The first set, and the answers of all searches.
     problems : sequence of RecordProblem
+        Problems of all records.
     without_priors : Estimate, optional
-        From the data alone, where priors choose among several sets.
+        Estimate from the data alone, whose sets are taken where the estimate with priors has a single one.
     """
     by_priors = without_priors is not None and estimate.search.n_fitting < 2
     searched = without_priors if by_priors and without_priors is not None else estimate
@@ -151,7 +158,11 @@ def _relative_distance(values: FloatArray, start: FloatArray) -> float:
 
 
 def _measured_words(problems: Sequence[RecordProblem]) -> str:
-    """The measured quantities as the subject of a sentence, such as "these modes"."""
+    """The measured quantities as the subject of a sentence.
+
+    They are "these modes" or "these frequencies" (modes without shapes) if all problems compare modes, else "these
+    data".
+    """
     modal = [problem for problem in problems if compares_modes(problem)]
     if len(modal) == len(problems):
         return "these modes" if any(problem.data.has_shapes for problem in modal) else "these frequencies"
@@ -161,15 +172,17 @@ def _measured_words(problems: Sequence[RecordProblem]) -> str:
 def deciding_measurement(
     names: tuple[str, ...], values: FloatArray, problem: RecordProblem
 ) -> DecidingMeasurement | None:
-    """Measurement that differs most between the sets of values: a further natural frequency, or a ratio of shape entries.
+    """Measurement that differs most between the sets of values: a natural frequency, or a ratio of shape entries.
 
-    None if the structure has no modes of its own or no candidate exists.
+    The frequency is one that was not measured. None if the structure has no modes of its own or no candidate exists.
+    Modes go up to two beyond the measured ones.
 
     Parameters
     ----------
     names : tuple of str
-        Names of all parameters.
+        Names of all parameters, in the order of `values`.
     values : (n_sets, n_params) float array
+        Physical values.
     problem : RecordProblem
         That of the first record, with its structure.
     """
@@ -200,8 +213,9 @@ def _frequency_candidate(sets: Sequence[Modes], mode: int) -> tuple[float, Decid
 def _shape_candidate(dofs: Sequence[Dof], sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement] | None:
     """Smallest gap between the sets in the ratio of two shape entries of a mode, and that ratio as a measurement.
 
-    The gap is that of the angle of the pair of entries, over 0.1 rad; the pair with the largest gap is taken. None with fewer
-    than two translations, or if a shape is zero.
+    The gap is that of the angle of the pair of entries, in multiples of 0.1 rad; the pair with the largest gap is
+    taken, among at most 40 translations. `sets` are the modes for each set of values, `mode` counts from 0. None with
+    fewer than two translations, or if a shape is zero.
     """
     moving = np.array([i for i, dof in enumerate(dofs) if not dof.is_rotation], dtype=int)
     if len(moving) < 2:

@@ -20,8 +20,9 @@ def record_warnings(record: FrfRecord) -> tuple[str, ...]:
     """Warnings about signs and coherence of an FRF record that do not look right.
 
     A driving point must have a real part of its mobility of at least 0 (it can only take power in); a record whose
-    mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention. Phases
-    of what follows its cause fall with frequency; where they rise, imaginary parts have the other sign.
+    mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention.
+    Phases of responses fall with frequency; where they rise, imaginary parts have the other sign. Coherence is warned
+    about for a sensor with less than 0.8 at more than 20 % of its values.
     """
     warnings = []
     for i, load in enumerate(record.inputs):
@@ -40,7 +41,8 @@ def record_warnings(record: FrfRecord) -> tuple[str, ...]:
 def _phases_that_rise(record: FrfRecord) -> list[str]:
     """List with a warning if phases rise with frequency over all channels together; empty if not.
 
-    At least 100 lines are needed.
+    At least 100 lines are needed. Phases rise if the imaginary parts of H(k+1) conj(H(k)) sum to more than half of
+    their absolute sum.
     """
     turning = (record.values[1:] * record.values[:-1].conj()).imag
     total = float(np.abs(turning).sum())
@@ -53,9 +55,9 @@ def _phases_that_rise(record: FrfRecord) -> list[str]:
 
 
 def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
-    """List with a warning if the real part of the mobility of output `o` and load `i` is negative at most lines; else empty.
+    """List with a warning if the mobility of output `o` over load `i` has a negative real part at most lines.
 
-    Both must be at the same degree of freedom, in either direction.
+    Else empty. `o` and `i` are indices of channels at the same degree of freedom, in either sense; 0 Hz is left out.
     """
     keep = record.frequency > 0
     mobility = record.lines(np.flatnonzero(keep)).as_kind("mobility").values[:, o, i]
@@ -70,15 +72,16 @@ def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
 
 
 def require_sound_model(structure: Structure, values: FloatArray, lowest: float) -> None:
-    """Raise `SingularModelError` where the model has a mechanism, so that responses or modes do not exist.
+    """Raise `SingularModelError` where the model's matrices are not finite, it has no mass, or it has a mechanism.
 
-    Two things are looked for, with the degrees of freedom that take part: motion without mass, damping and stiffness;
-    and, where a line at 0 Hz is used, motion without stiffness (supports are missing). Models of more than `_DENSE_UP_TO`
-    degrees of freedom are left to the factorization.
+    Looked for, with the degrees of freedom that take part, are motion without mass, damping and stiffness; motion
+    without mass and stiffness; and, where a line at 0 Hz is used, motion without stiffness (supports are missing).
+    Models of more than 600 degrees of freedom are left to the factorization.
 
     Parameters
     ----------
     structure : Structure
+        The model; not checked if it has no matrices.
     values : (n_values,) float array
         Property values.
     lowest : float

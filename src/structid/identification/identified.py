@@ -225,7 +225,7 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def _fixed_value_clause(self) -> str:
-        """A clause on the errors of fixed values that the standard deviations include."""
+        """A clause on the errors of fixed values that the standard deviations include, or that they include none."""
         fixed = self.estimate.fixed
         if fixed is not None:
             return tolerances_clause(fixed, self.problems, None if self.options is None else self.options.tolerances)
@@ -257,8 +257,8 @@ class Identification(Shown, IdentificationPlots):
     def by_prior(self) -> tuple[int, ...]:
         """Indices of parameters that priors determine more than the data do, alone or in an undetermined direction.
 
-        Such a parameter has a prior, and more than half of its variance comes from priors, or it takes part in an undetermined
-        direction. Empty for a matrix-free search.
+        Such a parameter has a prior, and more than half of its variance comes from priors, or its share of an
+        undetermined direction is above 10 % of the largest. Empty for a matrix-free search.
         """
         if self.priors.variance_fraction is None:
             return ()

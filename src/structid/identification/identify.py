@@ -216,7 +216,10 @@ def _fit_warnings(setups: Sequence[AnySetup], fits: Sequence[RecordFit | ModalFi
 
 
 def _undivided_words(structure: Structure) -> str:
-    """A clause on beams and bars that are as the caller drew them, which a study would divide; "" where there are none."""
+    """A clause on beams and bars that are as the caller drew them, which a study would divide.
+
+    "" where there are none, or they are cut into pieces already.
+    """
     if structure.subdivide > 1 or not structure.divisible:
         return ""
     names = join_words([element.name for element in structure.divisible], 4)
@@ -267,10 +270,10 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
 
 
 def _fitted_unknowns(problem: RecordProblem, estimate: Estimate) -> FittedUnknowns:
-    """Free variables, values and initial values of the problem's parameters, from the estimate of all parameters.
+    """Free variables, values and initial values of the problem's parameters, taken by name from the whole estimate.
 
-    After a linear fit, which has no free variables, they are made from the values; a value out of range takes that of the
-    start.
+    After a linear fit, which has no free variables, they are made from the values; a value out of range takes that of
+    the start.
     """
     indices = indices_of(estimate.names, problem.names)
     values, theta = estimate.values[indices], estimate.theta[indices]
@@ -287,7 +290,9 @@ def total_mass(
     Parameters
     ----------
     problem : RecordProblem
+        Its structure and parameters are used.
     estimate : Estimate
+        Estimate of all parameters.
     direction : str or None
         X, Y or Z; if None, the first in which the structure has mass (see `Structure.mass_of`).
     freed : RecordProblem, optional

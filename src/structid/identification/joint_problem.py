@@ -31,9 +31,10 @@ def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
 
 
 def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
-    """Stage sequences of the joint problem: those of the records' problems, joined stage by stage.
+    """Sequences of search stages for the joint problem: those of the records' problems, joined stage by stage.
 
-    A problem with fewer sequences or stages than another repeats its last one; a problem without any takes part as it is.
+    A problem with fewer sequences or stages than another repeats its last one; a problem without any takes part as it
+    is. For a single problem they are its own.
     """
     parts = _parts(problems)
     if len(parts) == 1:
@@ -52,7 +53,10 @@ def joint_paths(problems: Sequence[RecordProblem]) -> Sequence[ContinuationPath]
 
 
 def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
-    """The joint problem with a part of the data, for searches; None where every problem is small enough."""
+    """The joint problem in which each large problem has a part of its data only, for quick searches.
+
+    None where every problem is small enough to be taken whole.
+    """
     parts = _parts(problems)
     samples = [part.subsampled() if isinstance(part, RecordProblem) else None for part in parts]
     if all(sample is None for sample in samples):
@@ -65,7 +69,8 @@ def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
 def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
     """Reason why a matrix-free search of all problems together is impossible; "" if it is possible.
 
-    It goes on a sentence that begins with the search, and is that of the first problem that has one.
+    It goes on a sentence that begins with the search, and is that of the first problem that has one; unknowns that vary
+    from record to record are the last reason.
     """
     obstacles = [problem.matrix_free_obstacle for problem in problems]
     if scatter_problems(problems):
@@ -109,15 +114,18 @@ def first_values(
 
 
 def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
-    """Copies of the problems in which parameters of one name share their start and prior.
+    """Copies of the problems in which parameters of one name share start, scale and prior.
 
-    What varies from record to record has a value of its own in each of them.
+    Start and scale are those of the first problem that has the parameter; the prior is the one that any states. A
+    parameter that varies from record to record has a value of its own in each of them. A single problem keeps its
+    starts and priors.
 
     Parameters
     ----------
     problems : sequence of RecordProblem
+        Problem of each record.
     titles : sequence of str
-        What each record is called.
+        Name of each record.
 
     Raises
     ------
@@ -174,10 +182,10 @@ def freed_problems(
 
 
 def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
-    """Clause that names the fixed values whose tolerance the search did not include, all except `carried`; "" if none.
+    """Clause that names the fixed values whose tolerance the search did not include, all except `carried`.
 
-    `tolerances` are for sets that state none, `carried` are labels such as ``mass[deck]``. Of a solver that gives FRFs alone the
-    clause names its whole model.
+    "" if there are none. `tolerances` are for sets that state none, `carried` are labels such as ``mass[deck]``. If a
+    model has no matrices, as that of a solver that gives FRFs alone, the clause names this whole model.
     """
     if not all(problem.structure.has_matrices for problem in problems):
         return "the model behind the FRFs of the solver is taken as exact"

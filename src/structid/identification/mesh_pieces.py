@@ -82,7 +82,11 @@ class MeshPieces:
 
     @property
     def warning(self) -> str:
-        """A sentence where the mesh moves a value beyond `MOVED`, or why it is not known whether it does; else ""."""
+        """A sentence where the mesh changes a value by 0.2 standard deviations or more, or why that is not known.
+
+        Else "". It says what to do, and whether intervals can still be used: not if the change is a standard deviation
+        or more.
+        """
         if self.is_enough:
             return ""
         if not self.moved >= MOVED:
@@ -95,18 +99,19 @@ class MeshPieces:
 def judge_pieces(
     setups: Sequence[AnySetup], identification: Identification, options: IdentifyOptions, count: int
 ) -> MeshPieces:
-    """Shifts of the identified values by the mesh, for beams cut into `count` pieces.
+    """Shifts of the identified values by the mesh, for beams cut into `count` pieces, in standard deviations.
 
-    With b the change of the residual by pieces half as long, values move by -(J'J)^-1 J'b. Where that matters, the minimum is
-    followed with the finer pieces, as far as that succeeds: with precise data and light damping resonances move by many of
-    their widths, where the residual is not linear. If shifts cannot be computed, `obstacle` says why.
+    With b the change of the residual by pieces half as long, values move by -(J'J)^-1 J'b. Where that is 0.2 standard
+    deviations or more, the minimum is followed with the finer pieces, as far as that succeeds: with precise data and
+    light damping resonances move by many of their widths, where the residual is not linear. If shifts cannot be
+    computed, `obstacle` says why.
 
     Parameters
     ----------
     setups : sequence of RecordSetup
         Set-ups as they were identified.
     identification : Identification
-        Its values and deviations.
+        Result with its values and deviations.
     options : IdentifyOptions
         Those by which histories fitted by output error are prepared again.
     count : int
@@ -151,9 +156,10 @@ def judge_pieces(
 
 
 def division_words(drawn: Identification, divided: Identification, count: int) -> str:
-    """A sentence on beams that were divided into `count` pieces: what moved from the answer with the mesh as `drawn`.
+    """A sentence on beams that were divided into `count` pieces: the largest change of a value, in standard deviations.
 
-    It says which mesh the record fits better, where it is the drawn one.
+    The change is from the answer with the mesh as `drawn` to the one `divided`. The sentence also says if the record
+    fits the drawn mesh better.
     """
     names = _divisible_names(divided)
     before, after = drawn.estimate, divided.estimate

@@ -69,7 +69,11 @@ class AppliedRegularization:
 
     @property
     def words(self) -> str:
-        """The regularization with its strength, in a sentence."""
+        """The regularization in a sentence: name, how its strength was found, and the strength.
+
+        A sparsity has the number of parameters that leave their start instead. The sentence also says if the choice did
+        not settle.
+        """
         how = "as given" if self.rule == "given" else f"chosen by {self.rule.replace('_', ' ')}"
         if self.n_free is not None:
             text = f"{self.name}, {how}: {self.n_free} of {len(self.strengths)} parameters leave their start"
@@ -110,17 +114,20 @@ def regularized(
 ) -> Regularized:
     """Problems with regularizations and scatters added, at strengths that are given or chosen by the data.
 
-    Rows of regularizations are added to the first problem, whose parameters the others share by name. Without any, the problems
-    stay as they are.
+    Rows of regularizations are added to the first problem, whose parameters the others share by name. Without any, the
+    problems stay as they are. A matrix-free search chooses strengths by posterior draws, any other by fits and
+    linearized models in turn.
 
     Parameters
     ----------
     problems : sequence of RecordProblem
-        Of one or several records.
+        Problems of one or several records.
     options : IdentifyOptions
+        Options with the regularizations.
     method : Method
         Search of every fit.
     progress : callable, optional
+        Called with the stage's name, the iteration and the sum of squares.
     work : TaskExecutor
         Runs the fits.
 
@@ -168,9 +175,10 @@ def _regularize_by_draws(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems for a matrix-free search, with strengths settled by posterior draws; see `settled_strengths`.
+    """Regularized problems for a matrix-free search, with strengths that are stated or settled by posterior draws.
 
-    Without strengths to be chosen nothing is fitted.
+    Strengths begin where each regularization balances the data. If all are stated nothing is fitted. The result also
+    has the free variables at which strengths settled, except when nothing was fitted.
     """
     from structid.inversion.drawn_strengths import balanced_strengths, settled_strengths
 
@@ -211,7 +219,10 @@ def _regularize_by_local_models(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> Regularized:
-    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn; see `settled`."""
+    """Regularized problems with strengths and scatters chosen by fits and linearized models in turn, until they settle.
+
+    The result also has the interval and the added covariance of each scatter, by name.
+    """
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -264,9 +275,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1, from which a sparsity counts the free parameters.
-    `converged` says whether the strength settled, `determined` how many combinations the data determine. `strength` is
-    one number or (n_rows,).
+    `rest` (n_rows,) is the residual of its rows at strength 1; a sparsity counts as free parameters those with more
+    than 1e-3. `converged` says whether the strength settled (a given smoothness always does), `determined` how many
+    combinations the data determine. `strength` is one number or (n_rows,).
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
@@ -322,7 +333,10 @@ class _Search:
     def regularized_problems(
         self, problems: Sequence[RecordProblem], strengths: Strengths
     ) -> tuple[RecordProblem, ...]:
-        """Copies of `problems` with the regularization terms and scatters at these strengths, terms first."""
+        """Copies of `problems` with the regularization terms and scatters of this search at `strengths`, terms first.
+
+        A scatter has the strength 1 / scatter^2.
+        """
         n_terms = len(self.terms)
         pairs = zip(self.scatters, strengths[n_terms:], strict=True)
         made = with_scatters(problems, {scatter.name: float(s) ** -0.5 for scatter, s in pairs})
@@ -335,7 +349,7 @@ class _Search:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
 
     def model(self, theta: FloatArray) -> LocalModel:
-        """Local model at the free variables `theta` (n_params,).
+        """Linear model of residual and penalties at the free variables `theta` (n_params,).
 
         It holds the data, and the penalties of terms and then scatters at strength 1.
         """
@@ -367,9 +381,10 @@ class _Search:
         return tuple(made)
 
     def _sparse(self, model: LocalModel, index: int, strengths: Strengths) -> FloatArray:
-        """Strengths (n_rows,) of the sparsity at position `index`.
+        """Strengths (n_rows,) of the sparsity at position `index` of the terms.
 
-        They are chosen by the data, or follow from the strength that the study states; see `absolute_strengths`.
+        They are chosen by the data, or follow from the strength that the study states. `strengths` has those of all
+        penalties of `model`, for one iteration.
         """
         stated = self.terms[index].given
         if stated is None:
@@ -392,9 +407,9 @@ def _with_penalties_as_data(model: LocalModel, kept: Sequence[int], strengths: S
 
 
 def shares(problem: Problem | None, estimate: Estimate) -> FloatArray | None:
-    """Part of each parameter's variance, (n_params,), that stems from priors and regularizations.
+    """Part of each parameter's variance, (n_params,), that stems from priors and regularizations, 0 to 1.
 
-    None without a covariance matrix; 0 where no problem was minimized.
+    None without a covariance matrix; zeros where `problem` is None, as no problem was minimized.
     """
     if problem is None:
         return np.zeros(len(estimate.names))

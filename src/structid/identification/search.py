@@ -84,9 +84,10 @@ def search_parameters(
 ) -> SearchOutcome:
     """Best estimate over the problems of all records, by the method that set-ups and options ask for.
 
-    Regularizations, polarities of channels and weights are settled on the way. `progress` is called with the name of
-    the stage, its iteration and the sum of squares. `near` are free variables of a nearby answer by name, from which the first
-    search begins.
+    Regularizations, polarities of channels and weights are settled on the way. A set-up with an estimator of its own
+    uses that. `progress` is called with the name of the stage, its iteration and the sum of squares. `near` are free
+    variables of a nearby answer by name, from which the first search begins if it has all of them. The problems that
+    come with the estimate are those that it fits.
 
     Raises
     ------
@@ -171,7 +172,10 @@ def _search_starts(
 def _without_priors(
     problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: TaskExecutor
 ) -> Estimate | None:
-    """Estimate from the data alone, searched from wide starts about `best`; None if no parameter has a prior."""
+    """Estimate from the data alone, searched from wide starts about `best`, with fixed values exact.
+
+    None if no parameter has a prior.
+    """
     if not any(problem.parameters.has_priors for problem in problems):
         return None
     bare = tuple(problem.with_parameters(problem.parameters.without_priors()) for problem in problems)
@@ -182,8 +186,9 @@ def _without_priors(
 def wide_starts(problems: Sequence[RecordProblem]) -> int:
     """Default number of wide starts: up to 200 for few modal data of small models, else 0.
 
-    Few are modes without a known shape entry, or with fewer values than twice the parameters. The number falls with the cube of
-    the size above 60 degrees of freedom; below 8 it is 0.
+    Few are modes without a known shape entry, or with fewer values than twice the parameters. The number falls with the
+    cube of the size above 60 degrees of freedom, and with the number of records; below 8 it is 0. It is 0 too unless
+    all problems compare modes by output.
     """
     modal = [problem for problem in problems if compares_modes(problem)]
     if len(modal) < len(problems) or any(problem.settings.form != "output" for problem in modal):
@@ -209,7 +214,9 @@ def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Prob
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
-    """Search method: matrix-free if the options ask for it or a dense Jacobian would be too large, else that of the options.
+    """Search method: matrix-free if asked for or if a dense Jacobian would be too large, else that of the options.
+
+    What rules out a matrix-free search, or ``matrix_free = False``, keeps the dense one.
 
     Raises
     ------
@@ -271,9 +278,10 @@ class PolarityTrials:
         return cls([tuple(map(decide_polarities, problems, starts))])
 
     def add(self, fit: Estimate) -> None:
-        """Add the fit of the first pending problems, and append further polarities to be tried if there are any.
+        """Add the fit of the first pending problems, remove these, and append further polarities to be tried, if any.
 
-        The problems are removed from `pending`.
+        When none is pending, the fit's own choice of polarities is tried if it is new. If it is not, no fit reaches the
+        noise and there are at most three polarities, all combinations are tried.
         """
         problems = self.pending.pop(0)
         self.fits[_polarities(problems)] = (fit, problems)

@@ -68,7 +68,10 @@ class Varied:
 
     @property
     def parts(self) -> tuple[tuple[str, str, str, float, float, bool], ...]:
-        """Rows of record, common name, own name, deviation, p-value and whether it stands out, one for each value."""
+        """Rows, one for each value: record, common name, own name, deviation, p-value and whether it is an outlier.
+
+        The deviation is in multiples of the scatter; the p-value is corrected for the number of values.
+        """
         outlying = self.outlying
         marks = (k in outlying for k in range(len(self.own)))
         rows = zip(
@@ -78,7 +81,10 @@ class Varied:
 
     @property
     def words(self) -> str:
-        """A sentence on the scatter from record to record."""
+        """A sentence on the scatter of the parameter from record to record, in % (1 standard deviation).
+
+        It has the 95 % interval, except for a scatter that is given.
+        """
         many = len(dict.fromkeys(self.records))
         size = f"{100 * self.scatter:.2g} %"
         if self.rule == "given":
@@ -158,13 +164,14 @@ def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ..
 def found_scatter(model: LocalModel, strength: float) -> FoundScatter:
     """95 % interval of a scatter that the data choose, and the covariance that not knowing it exactly adds.
 
-    The restricted likelihood times a uniform prior on the scatter is evaluated on a grid. The only penalty of `model` is that of
-    the scatter; `strength` (1 / scatter^2) is the one chosen.
+    The restricted likelihood times a uniform prior on the scatter is evaluated on a grid. The only penalty of `model`
+    is that of the scatter; `strength` (1 / scatter^2) is the one chosen. The covariance (n_params, n_params) is of the
+    free variables.
 
     References
     ----------
-    Gelman (2006), Bayesian Analysis 1, 515, section 2.2, for the prior; Harville (1974), Biometrika 61, 383, Eq. (2), for the
-    restricted likelihood as a marginal one.
+    Gelman (2006), Bayesian Analysis 1, 515, section 2.2, for the prior; Harville (1974), Biometrika 61, 383, Eq. (2),
+    for the restricted likelihood as a marginal one.
     """
     grid = np.geomspace(_LEAST / np.sqrt(model.balance(0)), _MOST, _GRID)
     grid = grid[grid <= _MOST]
@@ -184,7 +191,10 @@ def found_scatter(model: LocalModel, strength: float) -> FoundScatter:
 
 
 def widened_estimate(estimate: Estimate, more: Sequence[FoundScatter]) -> Estimate:
-    """Estimate with the covariances that the scatters in `more` add to its own; the same if there are none."""
+    """Estimate to whose covariances those of the scatters in `more` are added.
+
+    The estimate itself if there are none, or if it has no free variables.
+    """
     slope, spread = estimate.parameters.slope, estimate.spread
     if not more or slope is None:
         return estimate
@@ -208,10 +218,11 @@ def varied(
     Parameters
     ----------
     problems : sequence of RecordProblem
+        Problems of all records, with own values of each record.
     estimate : Estimate
-        With the covariance at the chosen scatters.
+        Estimate with the covariance at the chosen scatters.
     more : mapping
-        What is known of each scatter that the data chose, by name.
+        Interval and added covariance of each scatter that the data chose, by name; a scatter that is missing was given.
     """
     groups = scatter_problems(problems)
     if not groups:

@@ -38,7 +38,7 @@ def _scale_warnings(estimate: Estimate) -> list[str]:
 def unidentified_warnings(estimate: Estimate) -> list[str]:
     """Warnings about parameters that are not identified, one for each; a single one for a matrix-free search.
 
-    Parameters at a bound are left out.
+    Parameters at a bound are left out; the list is empty if all others are identified.
     """
     lost = np.flatnonzero(~estimate.identified & estimate.spread.is_free)
     if not estimate.uncertainty.has_matrix:
@@ -72,7 +72,11 @@ def unused_damping(
 
 
 def estimate_warnings(estimate: Estimate) -> tuple[str, ...]:
-    """Warnings about an estimate, the most important first."""
+    """Warnings about an estimate, the most important first.
+
+    They are on a search that did not converge, bounds, undetermined directions, an unknown scale, parameters that are
+    not identified or may be 0, residual tests, other minima, and model error.
+    """
     warnings = []
     if estimate.status is not Status.CONVERGED:
         warnings.append(f"{estimate.status_words} ({estimate.message})")
@@ -110,9 +114,9 @@ def estimate_warnings(estimate: Estimate) -> tuple[str, ...]:
 
 
 def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:
-    """Indices of positive parameters without prior that ended a factor of `_FAR` or more from their start.
+    """Indices of positive parameters without prior that ended a factor of 1000 or more from their start.
 
-    Parameters that are identified in a fit to within the noise do not count, nor does a damping that goes to 0.
+    Parameters that are identified in a fit to within the noise do not count, nor do dampings that go to 0.
     """
     has_prior = first_values(estimate.names, problems, lambda part: part.priors.stated)
     positive = first_values(
@@ -127,7 +131,10 @@ def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int
 
 
 def ran_away_words(estimate: Estimate, index: int) -> str:
-    """A clause that says which parameter (at `index`) ran away, from where and to where."""
+    """A clause that says which parameter (at `index`, from 0) ran away, from where and to where.
+
+    A stiffness that went to 0 has words of its own.
+    """
     unit = "" if estimate.units[index] == "1" else f" {estimate.units[index]}"
     moved = f"from {estimate.initial[index]:.3g} to {estimate.values[index]:.3g}{unit}"
     if is_gone(estimate, index):

@@ -63,19 +63,21 @@ def missed_parts(
 ) -> tuple[MissedValues, ...]:
     """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
-    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines) and is improbable at `_RISK`
-    for all parts together, by chi-square with as many degrees of freedom as values. Empty for a single record of lines, or if
-    the whole misfit shows it already.
+    A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines, more with few
+    averages) and is improbable at 0.1 % for all parts together, by chi-square with as many degrees of freedom as
+    values. Empty for a single record of lines, or if the misfit of the whole is 2 or more.
 
     Parameters
     ----------
     names : sequence of str
         Names of the records; "" for a single one.
     problems : sequence of RecordProblem
+        Problem of each record.
     estimate : Estimate
         Estimate of all parameters.
     freed : sequence of RecordProblem
-        Problems with the fixed values of their models among the unknowns; where given, the fit within tolerances is tested.
+        Problems with the fixed values of their models among the unknowns; where given, the fit within tolerances is
+        tested.
     """
     is_whole = len(problems) == 1 and not compares_modes(problems[0])
     if is_whole or not estimate.goodness.misfit < _HIDES:

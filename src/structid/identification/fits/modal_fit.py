@@ -48,7 +48,12 @@ class PairedModes:
 
 
 def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
-    """Modes of the model paired with the measured ones of `problem`, at its free variables `theta` (n_own,)."""
+    """Modes of the model paired with the measured ones of `problem`, at its free variables `theta` (n_params,).
+
+    For each measured mode they hold the number of the model's mode (from 0), frequency (Hz), damping ratio, MAC, and
+    the largest angle (rad) between the spaces of shapes, NaN without shapes. Frequencies of visible modes between the
+    measured ones that no mode is paired with come last.
+    """
     state = problem.model.state(problem.physical(theta))
     number = pairing(problem.data, state, problem.in_order)
     shapes = problem.data.shapes[:, problem.data.measured]
@@ -69,7 +74,10 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
 
 
 def damping_ratios(state: ModelState) -> FloatArray:
-    """Damping ratios of the model's modes without coupling by damping, (n_modes,); NaN at 0 Hz."""
+    """Damping ratios of the modes in `state`, (n_modes,), without coupling of modes by damping; NaN at 0 Hz.
+
+    Viscous and structural damping are both included.
+    """
     phi, omega = state.modes.mode_shapes, 2 * np.pi * state.modes.frequency
     with np.errstate(divide="ignore", invalid="ignore"):
         lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
@@ -109,7 +117,10 @@ class ModalFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about measured modes without a match in the model, and modes of the model that were not measured."""
+        """Warnings about measured modes without a match in the model, and modes of the model that were not measured.
+
+        A mode matches if its MAC, or the squared cosine of the angle to a group of close modes, is 0.5 or more.
+        """
         warnings: list[str] = []
         f = self.problem.data.frequency
         for i, (value, like) in enumerate(zip(f.tolist(), self.fitted.mac.tolist(), strict=True)):
@@ -166,7 +177,7 @@ class ModalFit:
 def modal_fit(name: str, problem: ModalProblem, own: FittedUnknowns, n_modes: int) -> ModalFit:
     """Initial and fitted model beside one record of measured modes, with the `n_modes` lowest modes of each.
 
-    `name` is that of the record; `own` holds the free variables and values of the problem's parameters.
+    `name` is that of the record; `own` holds the free variables, values and initial values of the problem's parameters.
     """
     values = own.initial, own.values
     before, after = (structure_modes(problem.structure, problem.property_values(v), n_modes) for v in values)

@@ -54,12 +54,14 @@ class Ratios:
 def ratios(problem: Problem, estimate: Estimate) -> Ratios | None:
     """Ratios of the parameters where data and priors leave their common scale free; None where they determine it.
 
-    The scale is free if none of the masses, stiffnesses and dampings is identified and the data do not see a common relative
-    change of all. The reference is the first mass or, without a mass, the first rotary inertia.
+    The scale is free if none of the masses, stiffnesses and dampings is identified and the data do not see a common
+    relative change of all. The reference is the first mass or, without a mass, the first rotary inertia. Standard
+    deviations and 95 % intervals are of the ratios, NaN where the data do not determine one.
 
     Parameters
     ----------
     problem : Problem
+        The joint problem of all records.
     estimate : Estimate
         Estimate of that problem.
     """
@@ -89,8 +91,8 @@ def ratios(problem: Problem, estimate: Estimate) -> Ratios | None:
 def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
     """True if only measured forces determine the common scale of masses, stiffnesses and dampings, in all `problems`.
 
-    An error of the load cell is then an error of all values. It is so where FRFs shrink in proportion to a common increase, and
-    no prior is stated.
+    An error of the load cell is then an error of all values. It is so where every problem is one of FRFs with measured
+    forces, these shrink in proportion to a common increase, and no prior is stated. False without problems.
     """
     for problem in problems:
         if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:
@@ -110,8 +112,9 @@ def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
 def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
     """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None if they see it.
 
-    `jacobian` (n_data, n_params) is the whitened derivative by relative changes, `kinds` are those of the parameters, and
-    `noise_scale` is the factor on the noise. None also without a mass or a stiffness among them.
+    The data do not see it if a common change of each by 1, scaled to unit length, changes them by no more than
+    `noise_scale`. `jacobian` (n_data, n_params) is the whitened derivative by relative changes, `kinds` are those of
+    the parameters. None also without a mass or a stiffness among them.
     """
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}

@@ -108,7 +108,10 @@ class RecordFit:
 
     @property
     def polarities(self) -> dict[str, int]:
-        """Sign, +1 or -1, of every channel polarity that the data decided, by its name."""
+        """Sign, +1 or -1, of every channel polarity that the data decided, by its name.
+
+        {} if no channel has unknowns.
+        """
         channels = self.problem.channels
         if channels is None:
             return {}
@@ -139,8 +142,10 @@ def record_fit(
     problem : FrfProblem
         Problem of the lines that were used.
     own : FittedUnknowns
-        Free variables and values of the problem's own parameters.
+        Free variables, values and initial values of the problem's parameters.
     options : IdentifyOptions
+        Their evaluation band has the lines on which the fit is judged, by default those that were used; `n_modes` modes
+        are computed.
     """
     before, after = (problem.property_values(values) for values in (own.initial, own.values))
 

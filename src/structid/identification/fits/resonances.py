@@ -33,16 +33,17 @@ class Resonance:
 
 
 def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, ...]:
-    """Peaks of the measured FRFs, each with the nearest peak of the model within 15 % in frequency.
+    """Peaks of the measured FRFs, each with the nearest peak of the model within 15 % in frequency (Hz).
 
-    A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands out by a factor of three and
-    exceeds half of the sum of abs(H).
+    NaN if there is none. A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands
+    out by a factor of three and exceeds half of the sum of abs(H).
 
     Parameters
     ----------
     record : FrfRecord
+        Measured FRFs.
     predicted : (n_frequencies, n_outputs, n_inputs) complex array
-        The model at the same lines.
+        FRFs of the model at the same lines.
     """
     measured, model = (peaks(record.frequency, h, record.kind) for h in (record.values, predicted))
     matched = []
@@ -56,13 +57,17 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
 def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
     """Frequencies (Hz) of the resonance peaks of FRFs, (n_peaks,), interpolated by a parabola through three logarithms.
 
-    Empty for fewer than five lines; see `resonances` for what counts as a peak.
+    A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands out by a factor of
+    three on both sides and exceeds half of the sum of abs(H). Empty for fewer than five lines.
 
     Parameters
     ----------
     frequency : (n_frequencies,) float array
+        Lines, Hz.
     values : (n_frequencies, n_outputs, n_inputs) complex array
+        FRFs H.
     kind : FrfKind
+        Kind of the FRFs.
     """
     indicator = np.abs(values.real if kind == "mobility" else values.imag).sum(axis=(1, 2))
     size = np.abs(values).sum(axis=(1, 2))

@@ -45,13 +45,15 @@ class Truncation:
 
 
 def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
-    """Error of FRFs by reduced components or a reduced sweep, at up to five lines of the record; None if nothing is reduced.
+    """Error of FRFs by reduced components or a reduced sweep, at up to five lines of the record.
 
-    Lines are three spread over the band and the two highest peaks.
+    None if nothing is reduced. Lines are three spread over the band and the two highest peaks. The error is the largest
+    over the lines, relative to the largest FRF of a line.
 
     Parameters
     ----------
     problem : FrfProblem
+        Problem with the reduced structure.
     theta : (n_params,) float array
         Free variables.
     """
@@ -84,9 +86,10 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
 
 
 def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Truncation | None:
-    """Error of natural frequencies up to `top` (Hz) by reduced components; None for a structure without them.
+    """Relative error of natural frequencies up to `top` (Hz) by reduced components; None for a structure without them.
 
-    `values` (n_values,) are the property values. At most 40 modes are compared, without those of a rigid body.
+    `values` (n_values,) are the property values. At most 40 modes are compared, up to the limits of the components,
+    without those of a rigid body. The error is 0 if no mode is left.
     """
     if not structure.components:
         return None

@@ -74,7 +74,10 @@ class Setup(RecordSetup[FrfProblem]):
             )
 
     def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
-        """The problem of the FRF lines that `options` choose, with warnings about record and structure."""
+        """The problem of the FRF lines that `options` choose, with warnings about record and structure.
+
+        Without known noise, a model error of 10 % weighs the lines, and a warning says so.
+        """
         used = used_lines(self.record, options)
         lines = np.union1d(*self.axes(options))
         warnings = [*record_warnings(used)]
@@ -139,9 +142,10 @@ class Setup(RecordSetup[FrfProblem]):
         return frf_truncation(problem, theta)
 
     def begun(self, problem: FrfProblem) -> FrfProblem:
-        """Problem started at the one-step linear solution if every degree of freedom is measured; else the same problem.
+        """Problem started at the one-step linear solution if every degree of freedom is measured.
 
-        The same one also where channels have unknowns. Values out of range keep their start.
+        Else the same problem. It is also the same where channels have unknowns. Values at or beyond their bounds keep
+        their start.
         """
         if self.channel_unknowns or not measures_everything(self.structure, problem.record):
             return problem
@@ -155,7 +159,10 @@ class Setup(RecordSetup[FrfProblem]):
 
 
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
-    """Warnings on measured components of the structure that concern no particular line."""
+    """Warnings on measured components of the structure that concern no particular line; empty without such components.
+
+    One says that a start by continuation is not possible with them.
+    """
     words = [text for component in structure.measured for text in component.warnings]
     if structure.measured and options.start == "continuation":
         words.append(
@@ -168,7 +175,8 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
     """Largest error with which a sweep may solve the lines from few factorizations; None if each line is solved for.
 
-    By default 1e-5 for 1000 degrees of freedom or more and enough lines; None with measured components.
+    The error of the options holds, 0 for none. By default it is 1e-5 for 1000 degrees of freedom or more and enough
+    lines. None with measured components.
     """
     if structure.measured:
         return None

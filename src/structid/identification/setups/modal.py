@@ -70,7 +70,10 @@ class ModalSetup(RecordSetup[ModalProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
 
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
-        """The problem of the measured modes, with warnings about them."""
+        """The problem of the measured modes, with warnings of the record.
+
+        Notes say where shapes count by MAC, or no shape is known.
+        """
         errors = self.channel_errors(self.channel_unknowns)
         problem = ModalProblem(self.structure, self.parameters, self.record, self.settings, errors)
         weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
@@ -143,7 +146,9 @@ class ModalSetup(RecordSetup[ModalProblem]):
 
 
 def chosen_modes(record: ModalRecord, numbers: Sequence[int]) -> ModalRecord:
-    """Record with only the modes of these `numbers`, counted from 1; the record itself if there are none.
+    """Record with only the modes of these `numbers`, counted from 1, in that order.
+
+    The record itself if there are none.
 
     Raises
     ------

@@ -162,7 +162,11 @@ def prefixes(setups: Sequence[AnySetup]) -> list[str]:
 
 
 def prepared_warnings(setups: Sequence[AnySetup], prepared: Sequence[Prepared[Any]]) -> list[str]:
-    """Warnings about structures, each once, then about each record, with its title before it if there are several."""
+    """Warnings about structures, each once, then about each record, with its title before it if there are several.
+
+    Parts of mesh files that the structure lacks come first; `prepared` are the problems of `setups` with their
+    warnings.
+    """
     left_aside = [words for setup in setups for words in setup.structure.left_aside]
     of_structures = dict.fromkeys([*left_aside, *(words for ready in prepared for words in ready.of_structure)])
     of_records = [

@@ -101,7 +101,10 @@ class TimeFit:
     tones: tuple[Positive, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for an unknown way of fitting, or a `hold` that does not go with it."""
+        """Raise `InputError` for an unknown way of fitting, or a `hold` that does not go with it.
+
+        Spectra take "band_limited" or "first", all other ways "first" or "zero".
+        """
         if self.fit not in get_args(TimeWay):
             raise InputError(
                 f"`fit` must be one of {', '.join(get_args(TimeWay))}, got {self.fit!r}; the time record itself is given to"
@@ -170,6 +173,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         """The problem of the histories: finite spectra on the lines that `options` choose, or samples for output error.
 
         For the linear methods, which search for no minimum, it only predicts what the record can determine.
+        `InputError` if these meet motions of supports, or output error meets errors of channels.
         """
         problem: RecordProblem
         if self.settings.fit in ("instrumental", "weak") and _SUPPORT in self.record.quantities:
@@ -195,7 +199,9 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def channel_errors(
         self, unknowns: Sequence[ChannelUnknown], lines: ChannelsOfRecord | None = None
     ) -> ChannelErrors | None:
-        """Unknown errors of sensors and loads; None if none is declared.
+        """Unknown errors of sensors and loads that `unknowns` declare; None if none is declared.
+
+        `lines` has the channels they refer to; by default those of the record's finite spectra.
 
         Raises
         ------
@@ -236,7 +242,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         )
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
-        """Frequencies (Hz) that are used in the fit, (n_fitted,), and those on which it is judged, (n_judged,)."""
+        """Frequencies (Hz) that are used in the fit, (n_fitted,), and those on which it is judged, (n_judged,).
+
+        It is judged on lines of averaged FRFs, in the evaluation band or as the options choose.
+        """
         shown = self._averaged.frfs
         judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
         used = super().axes(options)[0] if self.own_estimator else _spectra(self, options).frequency
@@ -247,9 +256,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor) -> Estimate:
-        """Estimate by `identify_time` (output error, instrumental variables or weak form).
+        """Estimate by output error, instrumental variables or the weak form, as the set-up's settings say.
 
-        A calibration of the set-up replaces that of the options' tolerances.
+        A calibration of the set-up replaces that of the options' tolerances. `progress` is called with the stage's
+        name, the iteration and the sum of squares; `work` runs the searches.
         """
         tolerances = options.tolerances
         if self.calibration is not None:
@@ -268,9 +278,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return AveragedHistories(self.structure, self.record, self.shown)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
-        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` as far as they concern it.
+        """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` that concern these FRFs.
 
-        `channels` is None where the record has no channel errors.
+        `channels` is None where the record has no channel errors. Without a variance of the FRFs a model error of 10 %
+        weighs them.
         """
         used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
@@ -429,9 +440,10 @@ class _Hit(NamedTuple):
 def frfs_of(record: TimeRecord) -> FrfRecord:
     """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most motion channels.
 
-    The record of a single hit is transformed whole, with an exponential window if the motion has not died out. Others are
-    averaged by the estimator Hv from segments; they go from the first to the last line at which a force rises above its noise,
-    and over all lines where none does.
+    The record of a single hit is transformed whole, with an exponential window if the motion has not died out. Others
+    are averaged by the estimator Hv from four segments; they go from the first to the last line at which a force rises
+    above its noise, and over all lines where none does. Of two sensors at one degree of freedom the one of that kind is
+    taken.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]
@@ -454,7 +466,12 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
 
 
 def _hit(record: TimeRecord) -> _Hit | None:
-    """Single hit of the record; None if there are several loads, a longer force, or motion before it."""
+    """Single hit of the record: its channel, first sample and the sample after the last.
+
+    None if there is not just one load, a force; if the force lasts a tenth of the record after its begin or longer; or
+    if the motion before it has more than 0.1 % of the energy. Force is what exceeds 2 % of its peak and five deviations
+    of its noise.
+    """
     columns = [k for k, quantity in enumerate(record.quantities) if quantity in LOADS]
     if len(columns) != 1 or record.quantities[columns[0]] != "force":
         return None
@@ -471,11 +488,12 @@ def _hit(record: TimeRecord) -> _Hit | None:
 
 
 def _frfs_of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
-    """FRFs from a single hit: spectra of the motions at `sensors` over that of the force, with variances from declared noise.
+    """FRFs from a single hit: spectra of the motions at `sensors` over that of the force.
 
-    Where the motion has not died out at the end, all channels are weighted by exp(-decay t) first, and the FRFs are those at
-    s = decay + i omega. They go from the lowest line that the hit excites to its first wide gap. The variances are None without
-    declared noise. The result is None if the hit excites no line above its noise.
+    Variances come from declared noise. Where the motion has not died out at the end, all channels are weighted by
+    exp(-decay t) first, and the FRFs are those at s = decay + i omega. They go from the lowest line that the hit
+    excites to its first wide gap. Without declared noise there are no variances. None is returned if the hit excites no
+    line above its noise.
     """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate
@@ -516,9 +534,9 @@ def _first_run(lines: IntArray) -> IntArray:
 
 
 def _driven(record: TimeRecord, length: int) -> FloatArray:
-    """Frequencies (n,) in Hz of segments of `length` samples at which a force has eight times the power of its noise.
+    """Frequencies (n,) in Hz of segments of `length` samples at which a force exceeds eight times its noise in power.
 
-    All frequencies if the noise is unknown or the segments are shorter than `_FEWEST` samples.
+    All frequencies if the noise is unknown or the segments are shorter than 16 samples.
     """
     frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
     is_force = [quantity in LOADS for quantity in record.quantities]
