@@ -61,7 +61,10 @@ class _Child:
     """A running `worker.py`."""
 
     def __init__(self) -> None:
-        """Start a Python process that runs `worker.py` in the neutral folder, and wait until it is ready."""
+        """Start a Python process that runs `worker.py` in the neutral folder, and wait up to 120 s until it is ready.
+
+        `_LostError` if it ends before, or is killed since it took longer.
+        """
         paths = os.pathsep.join(import_paths(sys.path, Path.cwd()))
         self.owner, self.served = os.getpid(), 0
         self.process = start_child(
@@ -71,9 +74,9 @@ class _Child:
         self._timed(_START_SECONDS, lambda stream: stream.readline())
 
     def ask(self, request: Mapping[str, JsonValue], seconds: float) -> _Answer:
-        """Send one request (reader, path, options, seconds) and return its answer; `_LostError` if the child ends or is late.
+        """Send one request (reader, path, options, seconds) and return the child's answer, which may be an error.
 
-        `seconds` is the time after which it is late and is killed.
+        `seconds` is the time after which the child is late and is killed; `_LostError` then, or if it ends.
         """
         assert self.process.stdin is not None
         self.served += 1
@@ -87,7 +90,8 @@ class _Child:
     def _timed(self, seconds: float, read: Callable[[IO[bytes]], T | None]) -> T:
         """Result of `read(stream)` on the child's output.
 
-        Raises `_LostError` if the child ends, or is killed because it took more than `seconds`.
+        Raises `_LostError` if the result is empty, as when the child ends or is killed because it took more than
+        `seconds`.
         """
         assert self.process.stdout is not None
         timer = threading.Timer(seconds, kill_child, [self.process])
@@ -103,7 +107,7 @@ class _Child:
         return answer
 
     def close(self) -> None:
-        """Kill the child and close its pipes, unless another process started it."""
+        """Kill the child process and close its pipes; in a process that did not start it, close the pipes only."""
         if self.owner == os.getpid():
             kill_child(self.process)
             self.process.wait()
@@ -114,7 +118,10 @@ class _Child:
 
 
 def _read_answer(stream: IO[bytes]) -> _Answer | None:
-    """One answer of the child from `stream`, with its arrays; None if the stream ends before the answer is complete."""
+    """One answer of the child from `stream`: a tree of JSON with its arrays, or the error of the reader.
+
+    None if the stream ends before the answer is complete.
+    """
     line = stream.readline()
     if not line.endswith(b"\n"):
         return None
@@ -138,11 +145,12 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
     """Run the reader `reader` of `structid.files.worker` on `path` in a child process and return what it returns.
 
     `seconds` limits the time (15 by default), with one second more for each MB of the file; `options` go to the reader.
+    One child serves all requests, one after another.
 
     Raises
     ------
     ReaderError
-        If the reader raised.
+        If the reader raised; the child is ended then.
     FileError
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """

@@ -90,7 +90,10 @@ def _fields(fields: Mapping[str, Field | list[str]]) -> dict[str, Field]:
 
 @contextmanager
 def _hdf5_errors(path: Path) -> Iterator[None]:
-    """Context manager that turns errors of a reader of HDF5 into `FileError` with `path`, the cause and the remedy."""
+    """Context manager that turns a `ReaderError` of its block into `FileError` with `path`, the cause and the remedy.
+
+    `FileError` also before the block, if `path` is no readable file.
+    """
     require_readable(path)
     try:
         yield

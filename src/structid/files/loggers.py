@@ -36,10 +36,10 @@ class Channel(NamedTuple):
 
 
 def logger(path: str, kind: str) -> list[Channel]:
-    """Every numeric channel of a logger's file of the given `kind` (a key of `PACKAGES`), with its clock.
+    """Every numeric channel of the logger's file at `path`, with its clock; `kind` is a key of `PACKAGES`.
 
-    A warning of the library counts as damage, except for miniSEED: those records have checks of their own, and their
-    library warns of harmless things.
+    A warning of the library while it reads is raised as an error, since it tells of damage; in miniSEED files, which
+    have checks of their own, warnings become the note of the first channel.
     """
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more address space than the child may take
     with warnings.catch_warnings():
@@ -53,7 +53,7 @@ def logger(path: str, kind: str) -> list[Channel]:
 
 
 def _with_warnings(read: Callable[[], list[Channel]]) -> list[Channel]:
-    """The channels that `read` returns, with the library's warnings as the note of the first."""
+    """The channels that `read` returns, with the library's warnings, each once, as the note of the first."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         channels = read()
@@ -97,9 +97,10 @@ def _clock_of_times(time: np.ndarray) -> tuple[float, float, float]:
 
 
 def _read_tdms(path: str) -> Iterator[Channel]:
-    """Channels of a TDMS file of LabVIEW, named group/channel if several groups have channels.
+    """Numeric channels of a TDMS file of LabVIEW, named group/channel if several groups have channels.
 
-    Starts are in s after the channel that starts first.
+    Starts are in s after the channel that starts first. The rate is 0 Hz for a channel without a step. A note tells of
+    a file that was cut short.
     """
     from nptdms import TdmsFile
 
@@ -137,7 +138,10 @@ def _tdms_start(channel: Any) -> np.datetime64 | None:
 
 
 def _read_mdf(path: str) -> Iterator[Channel]:
-    """Channels of an MDF (ASAM) file, each with the clock of its group's time channel."""
+    """Numeric channels of an MDF (ASAM) file, each with the clock of its group's time channel.
+
+    The times themselves are added where they deviate from even steps by more than 0.1 % of a step.
+    """
     from asammdf import MDF
 
     with MDF(path) as file:
@@ -156,7 +160,10 @@ def _read_mdf(path: str) -> Iterator[Channel]:
 
 
 def _read_miniseed(path: str) -> Iterator[Channel]:
-    """Channels of a miniSEED file, in its order; starts are relative to the earliest trace."""
+    """Channels of a miniSEED file, in its order; starts are in s after the earliest trace.
+
+    Traces of one channel are merged. `ValueError` if the file has no samples.
+    """
     from obspy import read
 
     stream = read(path, format="MSEED")
@@ -172,7 +179,10 @@ def _read_miniseed(path: str) -> Iterator[Channel]:
 
 
 def _read_wav(path: str) -> Iterator[Channel]:
-    """Channels of a WAV file, numbered from 1; integer samples become parts of full scale."""
+    """Channels of a WAV file, numbered from 1.
+
+    Integer samples become parts of full scale, -1 to 1, which a note says.
+    """
     from scipy.io import wavfile
 
     warnings.filterwarnings("ignore", "Chunk .non-data. not understood")  # notes of recorders
@@ -188,7 +198,10 @@ def _read_wav(path: str) -> Iterator[Channel]:
 
 
 def _read_parquet(path: str) -> Iterator[Channel]:
-    """Numeric columns of a Parquet file; a column of timestamps becomes seconds from its first."""
+    """Numeric columns of a Parquet file as channels without clock.
+
+    A column of timestamps becomes seconds from its first. Columns of other types are left out.
+    """
     import pyarrow as pa
     from pyarrow import parquet
 

@@ -96,7 +96,9 @@ class _Segment(NamedTuple):
 
 
 def read_lvm(path: Path) -> list[LvmChannel]:
-    """The channels of the LVM file at `path` that hold samples.
+    """The channels of the LVM file at `path` that hold samples, with units, clocks (s) and starts (s).
+
+    Starts are relative to the channel that starts first, unless one column of times serves all channels.
 
     Raises
     ------
@@ -146,9 +148,10 @@ def read_lvm(path: Path) -> list[LvmChannel]:
 
 
 def _take_apart(path: Path) -> _Segment:
-    """Head, segment and rows of the file at `path`.
+    """Head of the file at `path`, head of its only segment, names of columns, and rows of cells.
 
-    Raises `ValueError` if it is no LVM file, and `OtherContentError` if it holds several segments.
+    A column of comments is left out. Raises `ValueError` if it is no LVM file, and `OtherContentError` if it holds
+    several segments.
     """
     text = path.read_text(encoding="cp1252")
     lines = text.splitlines()
@@ -179,8 +182,8 @@ def _take_apart(path: Path) -> _Segment:
 def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> int:
     """Number of rows that belong to a channel, also those that were appended and continue its times.
 
-    `column` is the channel's column, `n_samples` the number in its head, and `layout` says which columns have times ("No" for
-    none).
+    It ends with the last filled cell. `column` is the channel's column (from 0), `n_samples` the number in its head,
+    and `layout` says which columns have times ("No" for none).
 
     Raises
     ------
@@ -219,8 +222,9 @@ def _last_digit(text: str) -> float:
 def _clock(segment: _Segment, printed: Sequence[str], step_text: str, scale: float) -> LvmClock:
     """The clock of a channel by the step in the head and by its printed times; `scale` turns both into s.
 
-    `step_text` is that step in words, "" if missing. `printed` are the times in words, empty if there are none: then the step
-    alone counts.
+    `step_text` is that step in words, "" if missing. `printed` are the times in words; with fewer than two, or an empty
+    one, the step alone counts, and the rate is 0 Hz without it. Times that are uneven beyond the rounding of their
+    digits are kept; else the more exact of step and times gives the rate.
 
     Raises
     ------
@@ -247,9 +251,10 @@ def _clock(segment: _Segment, printed: Sequence[str], step_text: str, scale: flo
 
 
 def _rounded_clock(rate: float, error: float) -> LvmClock:
-    """A clock with `rate` in Hz and its relative `error`, rounded to a whole number of Hz without error where that is meant.
+    """A clock of `rate` (Hz), or of the nearest whole number of Hz, without error, where that is meant.
 
-    It is if the rate is such a number, or the error leaves no other.
+    It is if the rate is such a number, or the relative `error` reaches it and is less than 0.1 Hz; else the clock has
+    `rate` and `error`.
     """
     near = round(rate)
     if near and (abs(rate - near) <= _WHOLE * rate or abs(rate - near) <= rate * error < 0.1):

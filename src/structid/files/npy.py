@@ -45,7 +45,10 @@ def npy_header(path: Path) -> Header:
 
 
 def npy_array(path: Path) -> np.ndarray:
-    """The array in the NPY file at `path`, after the checks of `npy_header`, which raises `FileError`."""
+    """The array in the NPY file at `path`, in the shape and order that its header states.
+
+    `FileError` if the file is no whole NPY array of numbers or texts.
+    """
     header = npy_header(path)
     with damage_told(path, "a whole NPY array"):
         values = np.fromfile(path, header.dtype, math.prod(header.shape), offset=header.offset)
@@ -77,7 +80,11 @@ def _array_name(path: Path, member: zipfile.ZipInfo) -> str:
 
 
 def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """The array in one member of an NPZ archive; `ValueError` if its sizes are not plausible."""
+    """The array in one member of an NPZ archive.
+
+    `ValueError` if it is packed in another way than NumPy does, its sizes are not plausible, or it would take more than
+    100 MB and 500 times its packed size.
+    """
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename} is packed in a way that NumPy does not use")
     if member.file_size > _DENSEST * member.compress_size + _MAGIC:

@@ -64,10 +64,11 @@ def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> by
     Parameters
     ----------
     path : Path
+        The file.
     most : int
         Bytes at most.
     follow : bool, optional
-        Whether `path` may be a link.
+        False to refuse a link, where the system can.
     begin : int, optional
         Byte from which on it is read.
 
@@ -121,9 +122,12 @@ def digest(path: str | Path) -> str:
 def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -> Iterator[None]:
     """Context manager that turns exceptions of damaged content in a reader into a `FileError` that begins with `path`.
 
+    An `InputError` whose message begins with `path` is raised as it is.
+
     Parameters
     ----------
     path : Path
+        The file that is read.
     kind : str
         The kind of file that is expected, with its article, as in "a whole NPZ archive".
     remedy : str

@@ -16,7 +16,8 @@ def checked_sparse_matrix(
 ) -> sparse.csc_array:
     """Sparse matrix (compressed columns) of `shape` from the parts of a file, after checks of all of them.
 
-    `starts` (n_columns + 1,) is where each column begins among the row `indices` and `values`.
+    `starts` (n_columns + 1,) is where each column begins among the row `indices` (from 0) and `values`; entries after
+    the last start are left out.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, v
 
 
 def _checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """`shape` as two ints; `ValueError` if it is negative or absurdly large."""
+    """`shape` as two ints; `ValueError` if one is negative or above 2^40."""
     n_rows, n_columns = (int(n) for n in shape)
     if not (0 <= n_rows <= _LARGEST and 0 <= n_columns <= _LARGEST):
         raise ValueError(f"it declares shape {(n_rows, n_columns)}")
@@ -77,7 +78,7 @@ def _as_whole_numbers(name: str, numbers: np.ndarray) -> NDArray[np.int64]:
 
 
 def _require_inside(name: str, indices: NDArray[np.int64], count: int) -> None:
-    """Raise `ValueError` unless all indices of `name` (rows or columns) lie in 0 to `count` - 1."""
+    """Raise `ValueError` unless all `indices` lie in 0 to `count` - 1; `name` says in the message what they count."""
     outside = (indices < 0) | (indices >= count)
     if outside.any():
         first = int(np.argmax(outside))

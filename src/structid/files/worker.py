@@ -32,7 +32,8 @@ _HEADROOM = 2**30
 def plain(value: StoredEntry, arrays: list[np.ndarray]) -> JsonValue:
     """JSON of `value`, a tree of mappings, lists, numbers, texts and arrays; its arrays are appended to `arrays`.
 
-    An array is replaced by its index in `arrays`; see `fill_tree`. NumPy numbers become those of Python.
+    An array is replaced by {"array": index in `arrays`}, a mapping by {"map": ...}, a list by {"list": ...}, so that
+    the tree can be filled again. NumPy numbers become those of Python.
     """
     if isinstance(value, np.ndarray):
         arrays.append(value)
@@ -47,7 +48,10 @@ def plain(value: StoredEntry, arrays: list[np.ndarray]) -> JsonValue:
 
 
 def fill_tree(value: JsonValue, array: Callable[[int], np.ndarray]) -> StoredEntry:
-    """The tree that `plain` turned into JSON, `value`; the function `array` returns each array by its index."""
+    """The tree of mappings, lists, numbers, texts and arrays that stands in JSON as `value`.
+
+    There, "map", "list" and "array" say what an object is; the function `array` returns each array by its index.
+    """
     if not isinstance(value, dict):
         return value
     if "array" in value:
@@ -88,13 +92,20 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
 
 
 def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
-    """Attributes of datasets, groups and the file itself that are texts or a few numbers, by ``path@name``."""
+    """Attributes of datasets, groups and the HDF5 file at `path` itself, by ``path@name``.
+
+    Values are lists of texts or arrays (n,). Attributes of more than 4096 entries, and of other types, are left out.
+    `UnusableError` if the file has links to other files.
+    """
     import h5py
 
     attributes: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note the attributes of a dataset or group that are texts or a few numbers."""
+        """Note the attributes of a dataset or group called `name` that are texts or at most 4096 numbers.
+
+        Others are left out.
+        """
         for key in item.attrs:
             value = item.attrs[key]
             entries = np.ravel(value).tolist() if np.size(value) <= _MOST_ENTRIES else []
@@ -112,7 +123,10 @@ def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
 
 
 def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
-    """Datasets called `names` that the HDF5 file at `path` has, by name: arrays of numbers, a text, or lists of texts."""
+    """Datasets called `names` that the HDF5 file at `path` has, by name: arrays of numbers, a text, or lists of texts.
+
+    Names that it lacks are left out. `UnusableError` if it has links to other files, or values that are not in it.
+    """
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -123,7 +137,7 @@ def hdf5_fields(path: str, names: list[str]) -> dict[str, StoredEntry]:
 def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
     """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file.
 
-    The result is (stop - begin, n) or (n, stop - begin).
+    The result is (stop - begin, n) or (n, stop - begin). `UnusableError` if values are in other files.
     """
     import h5py
 
@@ -135,13 +149,19 @@ def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndar
 
 
 def matlab_73(path: str) -> dict[str, StoredEntry]:
-    """Every variable of numbers or texts of the MAT file at `path` of version 7.3 (HDF5), by name."""
+    """Every variable of numbers or texts of the MAT file at `path` of version 7.3 (HDF5), by name.
+
+    Fields as ``name.field``. `UnusableError` if the file has links to other files.
+    """
     import h5py
 
     variables: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Read a variable, unless it is one of MATLAB's own groups."""
+        """Note the dataset `item` by its `name`, with points for slashes.
+
+        MATLAB's own groups, and what is no variable, are left out.
+        """
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             field = _read_field_73(item.file, item)
             if field is not None:
@@ -192,7 +212,7 @@ def _note_matlab(variables: dict[str, StoredEntry], name: str, value: np.ndarray
 
 
 def _require_own_links(file: h5py.File) -> None:
-    """Raise `UnusableError` if the HDF5 file has a link to another file."""
+    """Raise `UnusableError`, which names the first one, if the HDF5 file has a link to another file."""
     import h5py
 
     linked: list[str] = []
@@ -215,7 +235,10 @@ def _why_unusable(dataset: h5py.Dataset) -> str | None:
 
 
 def _require_own_values(dataset: h5py.Dataset) -> None:
-    """Raise `UnusableError` if the values of a dataset are elsewhere or missing, `ValueError` if the file cannot hold them."""
+    """Raise `UnusableError` if values of a dataset are elsewhere or missing, `ValueError` if the file cannot hold them.
+
+    It cannot if they take more than 1032 times the size of the file, the most that compression makes of a byte.
+    """
     reason = _why_unusable(dataset)
     if reason is not None:
         raise UnusableError(f"{dataset.name[1:]!r} {reason}")
@@ -225,7 +248,10 @@ def _require_own_values(dataset: h5py.Dataset) -> None:
 
 
 def _read_field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
-    """Values of an HDF5 dataset: an array of numbers (complex where it is a pair of parts), a text, or a list of texts."""
+    """Values of an HDF5 dataset: an array of numbers (complex where it is a pair of parts), a text, or a list of texts.
+
+    Errors are raised if the values are not in the file or not plausible.
+    """
     import h5py
 
     _require_own_values(dataset)
@@ -238,7 +264,8 @@ def _read_field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
 def _read_field_73(file: h5py.File, dataset: h5py.Dataset) -> np.ndarray | str | list[str] | None:
     """A variable in MATLAB's HDF5 conventions: an array, a text, or a list of texts; None if it is anything else.
 
-    Axes are reversed there, characters are stored as codes and cells as references.
+    Axes are reversed in the file, characters are stored as codes, and cells as references into `file`; cells of
+    anything but texts are None.
     """
     matlab_class = dataset.attrs.get("MATLAB_class", b"")
     if matlab_class == b"char" and dataset.attrs.get("MATLAB_empty", 0):
@@ -269,10 +296,11 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
 
 
 def ansys(path: str) -> dict[str, StoredEntry]:
-    """Contents of the ANSYS file at `path` by name: matrices and their rows from ``.full``, element matrices from ``.emat``.
+    """Contents of the ANSYS file at `path` by name: matrices from ``.full``, element matrices from ``.emat``.
 
-    The keys are ``dofs``, ``held``, ``STIFFNESS`` and ``MASS``, or ``nodes``, ``labels``, ``n_dof`` and ``elements``. A matrix
-    is [shape, column starts, rows, values]; an element is a pair of equation numbers and values by kind.
+    The keys are ``dofs``, ``held`` (constrained degrees of freedom), ``STIFFNESS`` and ``MASS``, or ``nodes``,
+    ``labels``, ``n_dof`` and ``elements``. A matrix is [shape, column starts, rows, values], left out if it is missing;
+    an element is a pair of equation numbers and values by kind of matrix.
     """
     from ansys.mapdl.reader import read_binary
 
@@ -311,9 +339,10 @@ READERS: dict[str, Callable[..., StoredEntry]] = {
 
 
 def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """Answer the requests in the stream `requests`, one line of JSON each, on the stream `answers` until there are no more.
+    """Answer the requests in the stream `requests`, one line of JSON each, on the stream `answers` until it ends.
 
-    An answer is a line of JSON with a tree, or an error in words, and the bytes of the arrays behind it.
+    A request has reader, path, options and seconds. The first answer is "ready"; each other one is a line of JSON with
+    a tree and the types and shapes of arrays, or an error in words, and then the bytes of the arrays.
     """
     answers.write(b"ready\n")
     answers.flush()
@@ -337,7 +366,10 @@ def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
 
 
 def _limit_memory(path: str) -> None:
-    """Limit this process's address space to what the file at `path` can plausibly hold, where the system has such limits."""
+    """Limit this process's address space to what the file at `path` can plausibly hold.
+
+    Nothing is limited on Windows. That is what is in use, 1 GiB, and 2064 times the size of the file.
+    """
     try:
         import resource
     except ImportError:  # Windows
@@ -349,7 +381,7 @@ def _limit_memory(path: str) -> None:
 
 
 def _limit_time(seconds: float) -> None:
-    """Limit this process's processor time for the next request to `seconds`, where the system has such limits."""
+    """Limit this process's processor time for the next request to about `seconds`, where the system has such limits."""
     try:
         import resource
     except ImportError:  # Windows

@@ -45,12 +45,13 @@ def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
 def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
     """Context manager: a temporary path in the folder of `path`, renamed to `path` if the block ends without an error.
 
-    On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced hands on
-    its permissions.
+    On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced
+    hands on its permissions.
 
     Parameters
     ----------
     path : str or Path
+        The file to be written.
     is_new : bool, optional
         True if a file that exists at `path` at the end of the block is an error.
 
@@ -90,14 +91,15 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
 def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes | None], bool]) -> bool:
     """Write `content` to `path` in one step if its present content satisfies `is_expected`; else change nothing.
 
-    Other programs may write `path` at any time: where the system can exchange two names (Linux), what was replaced is looked
-    at once more afterwards, and is put back where it is not as expected.
+    Other programs may write `path` at any time: where the system can exchange two names (Linux), what was replaced is
+    looked at once more afterwards, and is put back where it is not as expected.
 
     Parameters
     ----------
     path : Path
         A file, or the name of a new one in a folder that is there.
     content : bytes
+        New content.
     is_expected : callable
         Returns True for a content (None without a file) that may be replaced.
 
@@ -140,7 +142,10 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
 
 
 def _link_new(temporary: Path, path: Path) -> bool:
-    """Give the temporary file the name `path` unless that exists; True if it did, False if there is such a file."""
+    """Give the temporary file the name `path` unless that exists; True if it did, False if there is such a file.
+
+    On a file system without links the file is renamed instead, and replaces one that is there.
+    """
     try:
         os.link(temporary, path)
     except FileExistsError:
@@ -200,8 +205,8 @@ def make_folder(path: Path) -> Path:
 def claim_path(path: Path, patience: float = 0.0) -> Iterator[None]:
     """Context manager in which this process alone may write to `path`, a file or folder that may not exist yet.
 
-    It may claim a path repeatedly. Another process that writes there is waited for up to `patience` seconds; then
-    `FileError`.
+    A claim within a claim of this process is allowed; the outer one ends it. Another process that writes there is
+    waited for up to `patience` seconds; then `FileError`.
     """
     path = path.absolute()
     before = path in _held
@@ -240,7 +245,7 @@ def claim(path: Path, patience: float = 0.0) -> None:
 
 
 def release(path: Path) -> None:
-    """Give up this process's lock on `path` and remove the lock file."""
+    """Give up this process's lock on `path` and remove the lock file; nothing happens if this process holds none."""
     path = path.absolute()
     descriptor, owner = _held.pop(path, (-1, 0))
     if owner == os.getpid():
@@ -256,7 +261,8 @@ def _lock_file(path: Path) -> Path:
 def _open_locked(path: Path, lock: Path, patience: float) -> int:
     """Descriptor of the lock file `lock` of `path`, opened and locked.
 
-    Waits up to `patience` seconds for another process, then raises `FileError`.
+    This process and host are written into the file. Waits up to `patience` seconds for another process, then raises
+    `FileError`. A file system without locks is taken as locked.
     """
     end = time.monotonic() + patience
     while True:
@@ -285,7 +291,10 @@ def _open_locked(path: Path, lock: Path, patience: float) -> int:
 
 
 def _remove_leftovers(path: Path) -> None:
-    """Remove temporary files and folders that an interrupted write of `path` left beside it; the caller holds the lock."""
+    """Remove temporary files and folders that an interrupted write of `path` left beside it.
+
+    They are hidden names of `path` with 12 hexadecimal digits. Call it with the lock on `path` held.
+    """
     mark = r"\.[0-9a-f]{12}"
     names = f"{re.escape('.' + path.name)}{mark}|{re.escape('.' + path.stem[:100])}{mark}{re.escape(path.suffix)}"
     for leftover in path.parent.glob(".*"):

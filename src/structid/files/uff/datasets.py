@@ -85,7 +85,7 @@ def read_blocks(path: Path) -> list[UffDataset]:
     Raises
     ------
     FileError
-        If the file is not a universal file, or is truncated or damaged.
+        If the file has no datasets, cannot be read, or is truncated or damaged.
     """
     path = require_readable(path)
     try:
@@ -215,9 +215,10 @@ def real_number(text: str) -> float:
 
 
 def _split_fields(line: str, widths: Sequence[int]) -> list[str]:
-    """The fields of a line as texts: its words if there are as many as `widths`, else its columns of these widths.
+    """The fields of a line as texts without blanks around them.
 
-    Words come first because some writers make a column wider than the format has it, so that the others do not line up.
+    They are its words if there are as many as `widths`, else its columns of these widths (characters). Words come first
+    because some writers make a column wider than the format has it, so that the others do not line up.
     """
     words = line.split()
     if len(words) == len(widths):
@@ -301,7 +302,10 @@ def read_unit_factors(path: Path, blocks: Sequence[UffDataset]) -> UnitFactors |
 
 
 def _read_dataset_164(path: Path, block: UffDataset) -> UnitFactors:
-    """The unit factors in `block`, a dataset 164; `FileError` if they are damaged or contradict their units code."""
+    """The unit factors in `block`, a dataset 164, by which numbers are divided to become m and N.
+
+    `FileError` if they are damaged, not positive, or contradict their units code by more than 1e-4.
+    """
     where = f"{path}: dataset {block.ordinal} (164)"
     lines = block.content.splitlines()
     try:

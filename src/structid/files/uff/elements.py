@@ -91,7 +91,7 @@ class UniversalElements:
 
 
 def read_elements(path: Path, blocks: Sequence[UffDataset]) -> UniversalElements:
-    """The elements in the datasets 2412 of the universal file at `path`.
+    """The elements in the datasets 2412 among `blocks`, all datasets of the universal file at `path`.
 
     Raises
     ------
@@ -110,7 +110,9 @@ def _add_elements(
 ) -> None:
     """Add the elements in the `lines` of one dataset 2412 to `elements`; a repeated element counts once.
 
-    `rows` has cell type and nodes of the elements so far by label. `where` names the dataset in errors.
+    `rows` has cell type and nodes of the elements so far by label, and is added to. Elements of types without a cell
+    are only counted, by name. `where` names the dataset in errors. `FileError` if an element is damaged, axisymmetric,
+    lacks nodes, or stands there twice with other nodes.
     """
     row_index = 0
     while row_index < len(lines):

@@ -64,7 +64,8 @@ class CoordinateSystem:
     def point(self, coordinates: Sequence[float], scale: float) -> FloatArray:
         """Global position in m, (3,), of three `coordinates` in this system.
 
-        `scale` turns lengths into m; angles are in deg.
+        They are x, y, z; or radius, angle, z; or radius, polar angle, azimuth. `scale` turns lengths into m; angles are
+        in deg, the polar one from the z axis.
         """
         first, second, third = coordinates
         if self.kind == _CARTESIAN:
@@ -84,7 +85,8 @@ class CoordinateSystem:
     def axes_at(self, point: FloatArray) -> FloatArray | None:
         """Directions in which a motion at the global `point` (m) is given, as rows in global axes, (3, 3).
 
-        None on the polar axis of a cylindrical or spherical system.
+        They are x, y, z; or radial, tangential, z; or radial, polar, azimuthal. None on the polar axis of a cylindrical
+        or spherical system.
         """
         if self.kind == _CARTESIAN:
             return self.axes
@@ -144,20 +146,22 @@ class UniversalNodes:
 def read_nodes(path: Path, blocks: Sequence[UffDataset] | None = None) -> UniversalNodes:
     """The nodes of datasets 15, 781 and 2411 of the universal file at `path`, in m and global axes.
 
-    A node in 15 and in one of the others is taken from the other, which has more digits. Labels 0 and 1 stand for the global
-    axes where the file does not define them.
+    A node in several of them is taken from the last of 15, 781, 2411; the latter two have more digits. Labels 0 and 1
+    stand for the global axes where the file does not define them. A node whose directions of motion are not known is
+    listed with the reason, one with turned directions with its axes (3, 3).
 
     Parameters
     ----------
     path : Path
+        The universal file.
     blocks : sequence of UffDataset, optional
         Datasets of the file, if they were read already.
 
     Raises
     ------
     FileError
-        If a dataset is damaged, a node has two positions in one kind of dataset or motions along different axes in two, or
-        its position is in a coordinate system that is not defined.
+        If a dataset is damaged, a node has two positions in one kind of dataset or motions along different axes in two,
+        or its position is in a coordinate system that is not defined.
     """
     blocks = read_blocks(path) if blocks is None else blocks
     factors = read_unit_factors(path, blocks)
@@ -243,9 +247,10 @@ def _read_node_rows(path: Path, tables: Sequence[UffDataset]) -> dict[int, _Node
 def _require_one_motion(
     path: Path, label: int, first: _Node, other: _Node, systems: Mapping[int, CoordinateSystem]
 ) -> None:
-    """Raise `FileError` if the datasets of a node give its motion along different axes.
+    """Raise `FileError` if two datasets of a node give its motion along different axes.
 
-    `first` and `other` are the node's entries, `systems` the coordinate systems by label.
+    For the message, `path` and `label`. `first` and `other` are the node's entries, `systems` the coordinate systems by
+    label. Labels 0 and 1 are the same axes unless `systems` defines them.
     """
     named = {node.displacement for node in (first, other)}
     named = {0 if system in _GLOBAL and system not in systems else system for system in named}
@@ -257,7 +262,10 @@ def _require_one_motion(
 
 
 def _short_node(line: str) -> list[float]:
-    """Label, two coordinate systems (definition, displacement) and three coordinates of one line of dataset 15."""
+    """Label, two coordinate systems (definition, displacement) and three coordinates of one line of dataset 15.
+
+    Seven words are taken as fields, any other line by columns. `ValueError` if it cannot be read.
+    """
     words = line.split()
     if len(words) == 7:
         return [*map(int, words[:3]), *map(real_number, words[4:])]
@@ -298,7 +306,10 @@ def _read_systems(path: Path, blocks: Sequence[UffDataset], scale: float) -> dic
 
 
 def _add_system(path: Path, systems: dict[int, CoordinateSystem], system: CoordinateSystem) -> None:
-    """Add `system` to `systems` by its label; `FileError` if another definition has that label."""
+    """Add `system` to `systems` by its label; `FileError` if another definition has that label.
+
+    Definitions are the same if kind and axes (to 1e-4) and origins (to 1e-4 of their size) agree.
+    """
     other = systems.setdefault(system.label, system)
     same = other.kind == system.kind and np.allclose(other.axes, system.axes, atol=_SQUARE)
     size = max(float(np.abs(other.origin).max()), float(np.abs(system.origin).max()))
@@ -353,6 +364,7 @@ def _point_systems(path: Path, block: UffDataset) -> list[tuple[int, tuple[str, 
     """Definitions in one dataset 18, in order, as label and (place for errors, type, reference system, points (3, 3)).
 
     The points are in the unit of the file and in the reference system: origin, one on +x, one in the +xz plane.
+    `FileError` if one is damaged or defined in another way.
     """
     where, lines = f"{path}: dataset {block.ordinal} (18)", block.lines
     systems = []
