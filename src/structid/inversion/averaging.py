@@ -46,8 +46,8 @@ def score_factor(averages: FloatArray) -> FloatArray:
 def normal_values(values: FloatArray, averages: FloatArray) -> FloatArray:
     """Whitened residual rows transformed from Student's t to standard normal values by equal tail probability.
 
-    `values` and `averages` are (n_rows,); the t distribution has 2 (n - 1) degrees of freedom for n averages. Rows with
-    infinitely many averages stay as they are.
+    `values` are the rows and `averages` the number n of averages from which the variance of each was estimated, both
+    (n_rows,). The t distribution has 2 (n - 1) degrees of freedom. Rows with infinitely many averages stay as they are.
     """
     known = np.isinf(averages)
     n = np.where(known, 2.0, averages)

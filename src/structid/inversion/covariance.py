@@ -74,9 +74,11 @@ def noise_covariance(problem: Problem, theta: FloatArray, linearization: Lineari
 def chi_square_law(problem: Problem, theta: FloatArray, linearization: Linearization) -> tuple[float, float]:
     """Scale and degrees of freedom of the scaled chi-square distribution of the sum of squares under noise alone.
 
-    Where few averages determine the variances of rows, see `row_law`. For rows with correlated errors the residual has
-    the covariance P Sigma P, with P the projection onto the complement of the Jacobian; scale and degrees of freedom
-    match the mean and variance of the sum of squares (Satterthwaite 1946, Biometrics Bull. 2, 110-114). `theta`
+    The degrees of freedom are those of `linearization`: rows less parameters, at least 0. For rows of independent
+    errors the scale is 1; where few averages determine their variances, it is changed so that mean and variance of the
+    sum are right (see `row_law`). For rows with correlated errors, where `problem.noise_law` has a factor, the residual
+    has the covariance P Sigma P, with P the projection onto the complement of the Jacobian; scale and degrees of
+    freedom match the mean and variance of the sum of squares (Satterthwaite 1946, Biometrics Bull. 2, 110-114). `theta`
     (n_params,) are the free variables at which `linearization` was made.
     """
     freedom = float(max(len(linearization.residual) - linearization.n_params - linearization.n_eliminated, 0))
@@ -94,13 +96,14 @@ def chi_square_law(problem: Problem, theta: FloatArray, linearization: Lineariza
 def row_law(averages: FloatArray | None) -> tuple[float, float]:
     """Scale, and degrees of freedom per row, of the chi-square distribution of data rows with few averages.
 
-    Their product is the expected chi-square per degree of freedom of a correct model. Both are 1 where variances are known or
-    `few_averages` gives None.
+    They match the mean m and the variance v of the expected square of a row: v / (2 m) and 2 m^2 / v. Their product m
+    is the expected chi-square per degree of freedom of a correct model. Both are 1 where variances are known.
 
     Parameters
     ----------
     averages : (n_data,) float array or None
-        See `DataRows`.
+        Number of averages that the variance of each row was estimated from, infinite where it is known. None, an array
+        of infinities alone, or one with an entry of 3 or less counts as known variances.
     """
     few = few_averages(averages)
     if few is None:
@@ -141,18 +144,20 @@ def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) 
 
 
 def model_error_covariance(problem: Problem, linearization: Linearization) -> FloatArray:
-    """Cluster-robust covariance of the parameters: stretches of lines, and channels, as independent units.
+    """Cluster-robust covariance of the free variables, (n_params, n_params), by stretches of lines and channels.
 
-    With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
-    along the frequency or time axis (four correlation lengths long, at least ten of them). Where there are four
-    channels or more, a variance is raised to that with channels as blocks if that is larger, and always to that of
-    independent errors as large as the residual. Priors add their own information unchanged. Few blocks make a rough
-    variance: standard deviations are scaled so that 1.96 of them are the 95 % interval of Student's t with one degree of
-    freedom less than there are effective blocks (at least two), fewer than blocks where a parameter is seen at few
-    resonances. It needs no noise level, but no error that is the same in all blocks can show in it.
+    With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks along
+    the frequency or time axis (four correlation lengths long, at least ten of them). Where there are four channels or
+    more, a variance is raised to that with channels as blocks if that is larger, and always to that of independent
+    errors as large as the residual. Priors add their own information unchanged. Few blocks make a rough variance:
+    standard deviations are scaled so that 1.96 of them are the 95 % interval of Student's t with one degree of freedom
+    less than there are effective blocks (at least two), fewer than blocks where a parameter is seen at few resonances.
+    It needs no noise level, but no error that is the same in all blocks can show in it. NaN for parameters not
+    determined. `linearization` is that of `problem` at the minimum; J and r are its data rows.
 
-    Where several records repeat the same quantities, such as each mode, it is raised in every direction to
-    `left_out_covariance`: errors of a quantity go together in all records.
+    Where several records repeat the same quantities, such as each mode, it is raised in every direction to the
+    jackknife covariance `left_out_covariance` with the quantities as blocks: errors of a quantity go together in all
+    records.
 
     References
     ----------

@@ -90,14 +90,16 @@ def settled_strengths(
 ) -> SettledStrengths:
     """Penalty strengths chosen by the data, by fits for very many parameters repeated until each strength settles.
 
-    The strength of penalty k is g_k / |x_k|^2 with x_k its rows at strength 1 and g_k = tr_k(C H) - nullity, where C is the
-    posterior covariance of the free variables, H the information of all but these penalties, and the trace runs over the
-    members of penalty k. It is estimated by draws s of covariance C, as the mean of s_k (H s)_k. At most 15 fits are made.
+    The strength of penalty k is g_k / |x_k|^2 with x_k its rows at strength 1 and g_k = tr_k(C H) - nullity, where C is
+    the posterior covariance of the free variables, H the information of all but these penalties, and the trace runs
+    over the members of penalty k. It is estimated by draws s of covariance C, as the mean of s_k (H s)_k. At most 15
+    fits are made, each with at most 15 iterations. A strength has settled when it changes by less than it is known to,
+    a factor of exp(0.1) or more. The result is marked as not settled if that is not reached, or if no draw converges.
 
     Parameters
     ----------
     make_problem : callable
-        The problem with given strengths.
+        Makes the problem from the strengths of all penalties.
     terms : sequence of Differences
         No two of which share members.
     given : sequence of float or None
@@ -111,7 +113,7 @@ def settled_strengths(
     progress : callable, optional
         Called with the iteration, all rounds together, and the sum of squares.
     search : Minimizer
-        Runs the fits, one after another, and may keep them.
+        Runs the fits, one after another, and may store them.
 
     Raises
     ------
@@ -156,10 +158,10 @@ def _later(progress: Progress, done: int, iteration: int, cost: float) -> None:
 def balanced_strengths(
     problem: Problem, theta: FloatArray, terms: Sequence[Differences], given: Sequence[float | None]
 ) -> tuple[float, ...]:
-    """Penalty strengths at which penalty and data have information of equal trace over the members, at `theta`.
+    """Penalty strengths, one for each of `terms`, at which penalty and data have information of equal trace.
 
-    `terms` are the penalties, each of which gets one strength; those in `given` that are not None are kept. `theta`
-    (n_params,) are free variables.
+    The trace runs over the members of the penalty; information is that on the free variables `theta` (n_params,).
+    Entries of `given` that are not None are strengths that are known and stay; a positive number at least.
     """
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)

@@ -107,9 +107,9 @@ class EliminatedProblem(Problem):
 
 
 def minimize_eliminated(problem: EliminatedProblem, method: LevenbergMarquardt) -> tuple[FloatArray, bool] | None:
-    """Changes of the unknowns (n_params,) to the nearest minimum, and True if the search converged.
+    """Changes of the unknowns (n_params,) from zero to the nearest minimum, and True if the search converged.
 
-    None if an unknown has no effect at the start, or an effect that is not finite. `method` must have no acceleration.
+    None if an unknown has no effect at zero, or one that is not finite. `method` must have no acceleration (asserted).
     """
     assert method.acceleration == 0, "residual and linearization have other rows"
     effects = problem.normal_at(np.zeros(len(problem.sizes))).columns

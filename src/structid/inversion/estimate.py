@@ -497,7 +497,8 @@ def normal_intervals(
 ) -> FloatArray:
     """Normal confidence intervals at `level`, lower and upper end in physical units: (n_params, 2).
 
-    The interval is symmetric in the free variable; NaN where the standard deviation is NaN.
+    The interval is symmetric in the free variable; NaN where the standard deviation is NaN. Of an identified positive
+    parameter that is not significantly different from 0 it goes from 0 to value plus quantile times standard deviation.
 
     Parameters
     ----------
@@ -505,7 +506,7 @@ def normal_intervals(
     std : (n_params,) float array
         Standard deviations in physical units.
     identified : (n_params,) bool array
-        Parameters that the data determine: of these, positive ones near 0 have an interval from 0; see `may_be_absent`.
+        Parameters that the data determine.
     level : float
         Probability between 0 and 1.
 
@@ -530,6 +531,10 @@ def may_be_absent(
 ) -> np.ndarray:
     """True for identified positive parameters not significantly different from 0, (n_params,) bool.
 
+    That is where the value is below q standard deviations, with q the quantile of the two-sided normal interval at
+    `level`, and the lower end of the interval symmetric in the free variable is not negative. Only parameters with a
+    positive entry of `parameters.scale`, those that may vanish, count.
+
     Parameters
     ----------
     parameters : ParameterValues
@@ -537,7 +542,7 @@ def may_be_absent(
         Standard deviations in physical units.
     identified : (n_params,) bool array
     level : float
-        Probability of the interval from which 0 is told.
+        Probability of that interval.
     """
     if parameters.scale is None:
         return np.zeros(len(parameters.names), dtype=bool)
@@ -573,7 +578,8 @@ def estimate(
 ) -> Estimate:
     """Least-squares or maximum-posterior estimate of the parameters of a problem, with uncertainty and diagnostics.
 
-    An estimate is returned also if the search does not converge or the data do not determine every parameter; see its `status`.
+    An estimate is returned also if the search does not converge or the data do not determine every parameter; see its
+    `status`.
 
     Parameters
     ----------
@@ -582,22 +588,30 @@ def estimate(
     method : Method, optional
         Levenberg-Marquardt by default; `MatrixFree` for very many parameters.
     plans : sequence of sequences of (name, Problem), or of functions of the start that give one
-        Ways to the answer: easier forms of the same problem (same parameters), run one after another before it. The
-        first search takes the first way; restarts take the others in turn.
+        Continuation paths: easier forms of the same problem (same parameters), searched one after another before it.
+        The first search takes the first path; restarts take the others in turn. Without any, the problem is searched at
+        once.
     search : Search, optional
         How often and from where is searched; once from the problem's start by default.
     misfit_probability : float
         Below this probability of its chi-square the fit is taken to hold model error, and the standard deviations
-        are those that carry it.
+        are those from the residual instead of the noise.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
     sample : Problem, optional
         The same problem with a part of its data, on which the searches are made; only the last iterations, from the
         best minimum, then take all of the data.
     work : TaskExecutor
-        Where the searches run, and whether they are kept; in this process by default.
+        Where the searches run, and whether they are stored; in this process by default.
     fixed : FixedValues, optional
-        The values that the model holds, where they may be wrong by their tolerances.
+        Fixed values of the model that may be wrong by their tolerances; exact if None.
+    **moved
+        Must be empty: any other argument raises an error.
+
+    Raises
+    ------
+    InputError
+        If `problem` is no `Problem`, or an unknown argument is given.
     """
     require_class("problem", problem, Problem, "make it by `FrfProblem` and its like; a structure goes to `identify`")
     if moved:
@@ -728,7 +742,9 @@ def _refit_once(
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
     """Status of an estimate from its best minimum, its uncertainty and the number of fitting answers.
 
-    Two answers or more that fit make it not identifiable. Parameters at a bound need not be determined.
+    Not converged if the search of `best` did not, the data can determine every parameter by the bound at the start, and
+    the fit misses the noise or all free parameters are determined. Else not identifiable if one of these is not
+    determined or two answers or more fit, and converged otherwise. Parameters at a bound need not be determined.
     """
     spread = uncertainty.spread
     is_determined = bool((spread.identified | ~spread.is_free).all())

@@ -323,10 +323,12 @@ class FixedColumns:
         return self.influence_by(theta, shift_of_minimum(linearization.jacobian, self.columns), slope)
 
     def influence_by(self, theta: FloatArray, changes: FloatArray, slope: FloatArray) -> FixedValueInfluence:
-        """Influence of the fixed values on the parameters, from known derivatives of the free variables.
+        """Influence of the fixed values on the physical parameters, from derivatives of the free variables.
 
-        `theta` (n_params,) are the free variables of the estimate, `changes` (n_params, n_fixed) their derivatives by the
-        logarithm of each fixed value, and `slope` (n_params,) the derivative of each physical parameter by its free variable.
+        `theta` (n_params,) are the free variables of the estimate, `changes` (n_params, n_fixed) their derivatives by
+        the logarithm of each fixed value, and `slope` (n_params,) the derivative of each physical parameter by its free
+        variable. Where a fit within tolerances was made, the shift that it gives beyond these derivatives is stored
+        too.
         """
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked

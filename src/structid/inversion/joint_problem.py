@@ -76,7 +76,10 @@ class JointProblem(Problem):
         )
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Residual and Jacobian of all records, stacked, at the joint free variables `theta` (n_params,)."""
+        """Residual and Jacobian of all problems at the joint free variables `theta` (n_params,), stacked.
+
+        The data rows of all problems come first, in their order; the prior rows follow, each prior once.
+        """
         if self._is_one:
             return self.problems[0].linearize(theta)
         parts = [
@@ -91,7 +94,11 @@ class JointProblem(Problem):
         return Linearization(self._stack_rows([part.residual for part in parts]), self._stack_rows(wide), eliminated)
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
-        """Stacked residual of all problems, and products with its Jacobian, which is not formed, at `theta` (n_params,)."""
+        """Stacked residual of all problems at joint free variables `theta` (n_params,), and products with its Jacobian.
+
+        Data rows come first, then prior rows, each prior once. The Jacobian is not formed, and stored only if every
+        problem stores its own.
+        """
         parts = [
             problem.linearize_operator(free)
             for problem, free in zip(self.problems, self.unknowns.split(theta), strict=True)
@@ -142,7 +149,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _is_one(self) -> bool:
-        """True if there is a single problem whose parameters and prior rows are in the joint order."""
+        """True for a single problem with parameters and prior rows in the joint order and no prior stated twice."""
         if len(self.problems) > 1:
             return False
         [index], [rows], [problem] = self.unknowns.columns, self._first_priors, self.problems
@@ -181,10 +188,10 @@ def _first_prior_rows(
 ) -> tuple[IntArray, ...]:
     """Indices among the prior rows of each problem of those that no earlier problem states: one int array a problem.
 
-    `priors` are residual and derivative of the prior rows of each problem, `columns` the joint indices of its
-    parameters, and `names` the joint names. A prior on one parameter that differs from an earlier one is dropped with
-    `first_counts`, else it raises `InputError`. A residual is (n_rows,), its derivative (n_rows, n_own_params), an
-    array of `columns` (n_own_params,).
+    `priors` are residual (n_rows,) and derivative (n_rows, n_own_params) of the prior rows of each problem, `columns`
+    the joint indices (n_own_params,) of its parameters, and `names` the joint names. A prior on one parameter that
+    differs from an earlier one on it is dropped with `first_counts`, else it raises `InputError`; one on several
+    parameters is kept.
     """
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     first_rows = []
@@ -308,9 +315,10 @@ def _first_of_each(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> Flo
 
 
 def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """Word for each joint unknown, in the order of first appearance, taken from the first problem that has it.
+    """Word for each joint unknown, such as its unit: that of the first problem that has it.
 
-    `labels` and `words` have a tuple for each problem, with an entry for each of its unknowns.
+    `labels` are the joint names of the unknowns of each problem, `words` the words for them in the same order. The
+    result is in the order of first appearance.
     """
     word_of: dict[str, str] = {}
     for names, part_words in zip(labels, words, strict=True):
@@ -410,7 +418,7 @@ class JointNoise:
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
     """Non-negative integer labels of all `parts` (n,) in one array, raised so that different parts share none.
 
-    Each part is raised by a multiple of `step`.
+    Each part is raised by the least multiple of `step` that does so after the parts before it.
     """
     raised, first = [], 0
     for part in parts:

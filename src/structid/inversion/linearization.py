@@ -57,7 +57,8 @@ class Linearization:
 def triangle_of(rows: FloatArray) -> FloatArray:
     """Upper triangle R of the QR factorization of `rows` (n_rows, n_columns), with min(n_rows, n_columns) rows.
 
-    Many rows are factorized in chunks, whose triangles are stacked and factorized again, in a fifth of the time.
+    Rows of R have the sign that NumPy gives. Many rows are factorized in chunks, whose triangles are stacked and
+    factorized again, in a fifth of the time.
     """
     width = rows.shape[1]
     size = max(_NEAR_ROWS, _OF_COLUMN * width)
@@ -152,7 +153,8 @@ class OperatorLinearization:
         """Y (n_params, k) and C (k, k) of the randomized low-rank approximation J'J = Y C^-1 Y' of the data.
 
         Y = J'J W and C = W'J'J W with W spanning S^-1 J'G, G Gaussian, S the information of the priors with a part of
-        diag(J'J): it takes 3 k products, and holds the directions that the data see best beside the priors.
+        diag(J'J): it takes 3 k products, and holds the directions that the data see best beside the priors. J are the
+        data rows, and k = min(n_data, n_params, 300).
 
         References
         ----------

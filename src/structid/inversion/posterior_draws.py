@@ -42,14 +42,16 @@ def drawn_uncertainty(
     theta : (n_params,) float array
     linearization : OperatorLinearization
     draws : int
-        How many; 0 gives NaN.
+        Number of posterior draws; 0 gives NaN.
     solved : sequence of str
-        Parameters whose standard deviation is solved for, one system of equations each.
+        Names of parameters whose standard deviation is solved for, one system of equations each, instead of drawn; only
+        where the fit holds no model error.
     misfit_probability : float
         Below this probability of its chi-square the fit holds model error.
     seed : int
+        Of the draws.
     fixed : FixedColumns, optional
-        The values that the model holds; exact where none are given.
+        Fixed values of the model, which may be wrong by their tolerances; exact if None.
 
     Raises
     ------
@@ -117,8 +119,9 @@ def solved_influence(
     """Influence of fixed values on the parameters by conjugate gradients, and words on values taken as exact.
 
     Each fixed value takes one system of equations; a value whose system does not converge is taken as exact. The
-    influence is None if all are, and the words are "" if none is. `precondition` is the `preconditioner` without
-    damping, made if None. `theta` (n_params,) are the free variables at which `linearization` was made.
+    influence is None if all are, and the words, which name these values, are "" if none is. `fixed` has the derivatives
+    of the data by the fixed values. `precondition` is the `preconditioner` without damping, made if None. `theta`
+    (n_params,) are the free variables at which `linearization` was made.
     """
     precondition = precondition or preconditioner(linearization, np.zeros(linearization.n_params))
     rest, kept, changes = np.zeros(linearization.prior.shape[0]), [], []
@@ -140,8 +143,9 @@ def drawn_covariance(
 ) -> DrawnCovariance:
     """Covariance represented by draws `sampled` (n_draws, n_params) of errors of the free variables, in physical units.
 
-    Standard deviations are NaN with fewer than two draws, and for parameters with no influence on data and priors.
-    `theta` (n_params,) are the free variables at the answer.
+    Standard deviations are roots of the mean square, NaN with fewer than two draws, and for parameters with no
+    influence on data and priors; each is known to 1 / sqrt(2 n_draws) of itself. `theta` (n_params,) are the free
+    variables at the answer.
     """
     slope, count = problem.slope(theta), len(sampled)
     std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(linearization.n_params, np.nan)
@@ -179,19 +183,22 @@ def posterior_draws(
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
     precondition: Solver | None = None,
 ) -> tuple[FloatArray, int]:
-    """Random errors of the free variables by the posterior, (count, n_params), and the number of failed draws (NaN rows).
+    """Posterior errors of the free variables, (count, n_params), with NaN rows for failed draws, and their number.
 
-    A draw solves J'J s = J'e by conjugate gradients. With e of unit variance, the default, its covariance is (J'J)^-1.
+    A draw s solves J'J s = J'e by conjugate gradients, J with its prior rows. With e of unit variance, the default, its
+    covariance is (J'J)^-1. A draw fails if the relative residual stays above 1e-5.
 
     Parameters
     ----------
     linearization : OperatorLinearization
     count : int
+        Number of draws.
     generator : numpy.random.Generator
     errors : callable, optional
-        Errors of the data rows, (n_data,), such as `error_draws` gives.
+        Function of a generator that gives errors of the data rows, (n_data,), instead of standard normal ones; prior
+        rows keep these.
     precondition : callable, optional
-        The `preconditioner` without damping, where it is made already.
+        The `preconditioner` without damping, made if None.
 
     References
     ----------
@@ -251,9 +258,10 @@ def error_draws(problem: Problem, linearization: OperatorLinearization) -> Calla
 
 
 def solved_std(linearization: OperatorLinearization, index: int, precondition: Solver | None = None) -> float:
-    """Standard deviation of the free variable at `index` by conjugate gradients; NaN if these do not converge.
+    """Posterior standard deviation of the free variable at `index` for unit errors; NaN if not solved.
 
-    `precondition` is the `preconditioner` without damping, made if None.
+    It takes conjugate gradients, with a relative residual of at most 1e-5. `precondition` is the `preconditioner`
+    without damping, made if None.
     """
     unit = np.zeros(linearization.n_params)
     unit[index] = 1.0

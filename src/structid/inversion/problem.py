@@ -166,7 +166,8 @@ class RowNoise:
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
         """Covariance (n_params, n_params) of J'e for the noise e of the data rows; None where it is J'J.
 
-        `jacobian` (n_data, n_params) are the data rows J.
+        `jacobian` (n_data, n_params) are the data rows J. With a `factor` F of the noise covariance it is (F J)'(F J);
+        with variances from few averages, J' D J with a diagonal D.
         """
         if self.factor is None:
             few = few_averages(self.averages)

@@ -230,7 +230,10 @@ class Comparison(Shown, States):
 
     @property
     def words(self) -> str:
-        """Result of the comparison of two states in one sentence."""
+        """Sentence with the parameters declared changed, in per cent of the value before, or that none is.
+
+        Parameters are in the order of `self.order`; risk and level of the declarations are named.
+        """
         ratio = self.relative_change
         declared = [
             f"{self.names[i]} ({100 * ratio[i]:{'+.1f' if abs(ratio[i]) > 1e-3 else '+.2g'}} %)"
@@ -270,8 +273,9 @@ def compare_states(
     level : float
         Accepted rate of false declarations; see `correction`.
     power : float
-        Probability with which a change of the detection limit is declared.
+        Probability with which a change as large as the detection limit is declared.
     correction : {"holm", "benjamini_hochberg"}
+        What `level` limits: the probability of any false declaration, or the expected part of false ones among all.
     least : float
         Least change of interest, in parts of the baseline's value; what may be smaller is not declared.
 
@@ -283,14 +287,15 @@ def compare_states(
     Raises
     ------
     InputError
-        If a state is no `Estimate`, the estimates share no parameter but the carried ones, a unit differs, or an argument is
-        out of range.
+        If a state is no `Estimate`, the estimates share no parameter but the carried ones, a unit differs, or an
+        argument is out of range.
 
     Notes
     -----
-    Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the changes A and B of
-    the parameters for one tolerance of each fixed value: what both states owe to the same fixed values is no change. With
-    carried parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
+    Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the
+    changes A and B of the parameters for one tolerance of each fixed value: what both states owe to the same fixed
+    values is no change. With carried parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the
+    covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
 
@@ -346,8 +351,8 @@ def compare_jointly(
 ) -> Comparison:
     """Changes of parameters between two states that were identified together in one estimate with shared parameters.
 
-    The covariance alone is linearized; use it rather than `compare_states` where shared parameters are known poorly. Parameters
-    named ``<name> (later)`` are paired with ``<name>``; parameters local to a record are not compared.
+    The covariance alone is linearized; use it rather than `compare_states` where shared parameters are known poorly.
+    Parameters named ``<name> (later)`` are paired with ``<name>``; parameters local to a record are not compared.
 
     Parameters
     ----------
@@ -355,8 +360,14 @@ def compare_jointly(
         Of a `states_problem`.
     shared : sequence of str
         The parameters that it has in common for both states.
-    level, power, correction, least
-        As in `compare_states`.
+    level : float
+        Accepted rate of false declarations; see `correction`.
+    power : float
+        Probability with which a change as large as the detection limit is declared.
+    correction : {"holm", "benjamini_hochberg"}
+        What `level` limits: the probability of any false declaration, or the expected part of false ones among all.
+    least : float
+        Least change of interest, in parts of the baseline's value; what may be smaller is not declared.
 
     Raises
     ------
@@ -435,10 +446,11 @@ def _changes_by_fixed_values(
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of the compared parameters by each cause in `FixedValueInfluence.changes`, in baseline and later state.
 
-    Both results are (n, n_causes). Columns are the causes of the baseline in the order of `change_names`, then those of the
-    later state alone; a fixed value of both has the larger error in both. `first` and `second` are the indices of the n
-    compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the result of the
-    baseline; through them a fixed value of one state also changes the other, where the covariances are finite.
+    Both results are (n, n_causes). Columns are the causes of the baseline in the order of `change_names`, then those of
+    the later state alone; a fixed value of both has the larger error in both. `first` and `second` are the indices of
+    the n compared parameters in the two estimates. `carried` names parameters whose prior in the later state was the
+    result of the baseline; through them a fixed value of one state also changes the other, where the covariances are
+    finite. Without fixed values both have no columns.
     """
     names = tuple(
         dict.fromkeys(name for state in (baseline, later) if state.fixed for name in state.fixed.change_names)
@@ -458,7 +470,10 @@ def _changes_by_fixed_values(
 
 
 def _aligned(estimate: Identified, names: tuple[str, ...], errors: FloatArray) -> FloatArray:
-    """Changes (n_params, n_names) of all parameters by `errors` of the causes `names`; 0 where the estimate has no such cause."""
+    """Changes (n_params, n_names) of all parameters of `estimate` by each of the causes `names`, for given `errors`.
+
+    `errors` (n_names,) are the standard deviations of the causes; 0 where the estimate has no such cause.
+    """
     changes = np.zeros((len(estimate.names), len(names)))
     if estimate.fixed is not None:
         changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes
@@ -528,7 +543,7 @@ def _joint_chi_square(change: FloatArray, covariance: FloatArray) -> tuple[float
 def states_problem(baseline: Problem, later: Problem, shared: Sequence[str]) -> JointProblem:
     """Joint problem of the data of both states, with the `shared` parameters equal and all others free in each.
 
-    The later state's own parameters are called ``<name> (later)``.
+    Parameters of the later state that are not shared are called ``<name> (later)``.
 
     Parameters
     ----------

@@ -63,9 +63,9 @@ class LocalModel:
         return tuple(int(np.linalg.matrix_rank(p.jacobian)) if p.jacobian.size else 0 for p in self.penalties)
 
     def balance(self, index: int) -> float:
-        """Strength at which penalty `index` and the data have information of equal trace, in the parameters of the penalty.
+        """Strength at which penalty number `index` (from 0) and the data have information of equal trace.
 
-        1 for a penalty without entries.
+        It counts the parameters with an entry in the rows of the penalty. 1 for a penalty without entries.
         """
         jacobian = self.penalties[index].jacobian
         used = (jacobian != 0).any(axis=0)
@@ -73,7 +73,11 @@ class LocalModel:
         return float((self._data_triangle[0][:, used] ** 2).sum()) / information if information > 0 else 1.0
 
     def solved(self, strengths: tuple[FloatArray | float, ...]) -> LocalFit:
-        """Fit of the linear model with each penalty multiplied by its entry of `strengths`: a number, or one for each row."""
+        """Least-squares fit of the linear model with the square of each penalty row multiplied by a strength.
+
+        `strengths` has an entry for each penalty: a number, or an array with one for each row. Undetermined directions
+        get the shortest step.
+        """
         triangle, projected, rest = self._data_triangle
         roots = [np.sqrt(np.broadcast_to(s, p.residual.shape)) for s, p in zip(strengths, self.penalties, strict=True)]
         rows = np.concatenate(
@@ -138,8 +142,10 @@ def log_evidence(model: LocalModel, strengths: tuple[float, ...]) -> float:
 def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | None = None) -> tuple[float, ...]:
     """Penalty strengths of largest marginal likelihood, by the fixed point of MacKay.
 
-    The strength of a penalty is g_k / |x_k|^2, with g_k = rank_k - l_k tr(C L_k'L_k) the number of combinations that the data
-    determine in spite of it. Strengths stay within 1e-8 and 1e8 of `LocalModel.balance`, which is also the default of `start`.
+    The strength of a penalty is g_k / |x_k|^2, with g_k = rank_k - l_k tr(C L_k'L_k) the number of combinations that
+    the data determine in spite of it, L_k and x_k its rows and residual, and l_k its strength before. Strengths stay
+    within 1e-8 and 1e8 times those of `LocalModel.balance`, which are also the default of `start`. At most 500 rounds
+    are made, until none changes by 1e-6.
 
     References
     ----------
@@ -164,10 +170,11 @@ def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | 
 
 
 def discrepancy_strength(model: LocalModel, n_data: int) -> float:
-    """Largest strength of the single penalty at which the residual is no larger than the noise allows.
+    """Largest strength of the single penalty of `model` at which the data residual is no larger than the noise allows.
 
-    The limit is |r|^2 = n_data + sqrt(2 n_data), one standard deviation above the mean for noise alone. Strengths are searched
-    within 1e-8 and 1e8 of `LocalModel.balance`: the lowest if none meets the limit, the highest if all do.
+    The limit is |r|^2 = n_data + sqrt(2 n_data), one standard deviation above the mean for noise alone. Strengths are
+    searched within 1e-8 and 1e8 times `LocalModel.balance`: the lowest if none meets the limit, the highest if all do.
+    `n_data` is the number of whitened data rows.
 
     Raises
     ------
@@ -197,7 +204,8 @@ def discrepancy_strength(model: LocalModel, n_data: int) -> float:
 def l_curve_strength(model: LocalModel) -> float:
     """Strength of the single penalty at the corner of the L-curve, its point of largest curvature.
 
-    Taken from 241 strengths within 1e-8 and 1e8 of `LocalModel.balance`.
+    The curve is the logarithm of the squared penalty over that of the squared data residual. Taken from 241 strengths,
+    even in logarithm, from 1e-8 to 1e8 times `LocalModel.balance`, without two at each end.
 
     Raises
     ------
@@ -235,8 +243,8 @@ def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray 
     """Strength for each row of penalty `index`, (n_rows,), of largest marginal likelihood; it makes few rows nonzero.
 
     Row by row, with mean m and variance v of the row without its penalty, 1 / l = m^2 - v where that is positive;
-    otherwise l is `_HELD` times the balance of data and penalty. Rows must be linearly independent. `strengths` are those
-    of all penalties at the start; the others stay. An entry is a number or an array with one for each row.
+    otherwise l is 1e6 times the balance of data and penalty. Rows must be linearly independent. `strengths` are those
+    of all penalties at the start; all but that at `index` stay. An entry is a number or an array with one for each row.
 
     References
     ----------
@@ -282,7 +290,8 @@ def absolute_strengths(
     """Strength for each row of penalty `index`, (n_rows,), that turns its sum of squares into a sum of magnitudes.
 
     By iteratively reweighted least squares: `strength` / sqrt(x^2 + `smoothing`^2) for a row x. `strengths` are those
-    of all penalties; the others stay. An entry is a number or an array with one for each row.
+    of all penalties; that at `index` is not used, all others stay. An entry is a number or an array with one for each
+    row.
 
     References
     ----------
@@ -334,8 +343,8 @@ def settled(
 ) -> SettledFit:
     """Fit with penalty strengths chosen from the data, by alternate fits and choices until the strengths settle.
 
-    They settle when none changes by more than 0.1 %. A single strength changes at most by a factor of ten in a round, one for
-    each row freely.
+    They settle when none changes by 0.1 %. A single strength changes at most by a factor of ten in a round, an array
+    with one for each row freely. The result is marked as not settled after `max_rounds` without that.
 
     Parameters
     ----------
@@ -348,8 +357,9 @@ def settled(
     theta : (n_params,) float array
         Where the first fit starts.
     strengths : tuple
-        Of the first fit.
+        Of the first fit: one entry for each penalty.
     max_rounds : int
+        Most rounds of one choice and one fit.
     """
     theta = refit(strengths, theta)
     model = linearized(theta)

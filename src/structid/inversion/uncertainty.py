@@ -104,7 +104,7 @@ class DenseCovariance:
         return np.zeros((0, len(self.matrix)))
 
     def variance(self, rows: Rows) -> FloatArray:
-        """Variance of each linear combination `rows` (n, n_params) of parameters, (n,); NaN if undetermined."""
+        """Variance (n,) of each linear combination of parameters in `rows` (n, n_params); NaN if undetermined."""
         weights = sparse.csr_array(rows).toarray()
         used, lost = weights != 0, ~np.isfinite(self.matrix)
         variance = np.einsum("kp,kp->k", weights @ np.where(lost, 0.0, self.matrix), weights)
@@ -142,8 +142,9 @@ class DrawnCovariance:
     def with_changes(self, changes: FloatArray) -> DrawnCovariance:
         """Covariance with independent errors added, one for each column of `changes` (n_params, n_causes).
 
-        A column is the change of the parameters by one standard deviation of the error. Every draw gets a random part of each
-        error, of unit mean square and uncorrelated over the draws if there are more draws than errors.
+        A column is the change of the parameters by one standard deviation of the error. Every draw gets a random part
+        of each error, from a fixed seed, of unit mean square and uncorrelated over the draws if there are more draws
+        than errors.
         """
         n_draws, n_causes = len(self.draws), changes.shape[1]
         sizes = np.random.default_rng(0).standard_normal((n_draws, n_causes))
@@ -154,9 +155,9 @@ class DrawnCovariance:
         return DrawnCovariance(locked(self.draws + sizes @ changes.T), locked(std), locked(self.std_error * part**2))
 
     def variance(self, rows: Rows) -> FloatArray:
-        """Variance of each linear combination `rows` (n, n_params) of parameters, (n,), from the draws.
+        """Variance (n,) of each linear combination of parameters in `rows` (n, n_params), as the mean square of draws.
 
-        With fewer than two draws NaN, and 0 for an empty combination.
+        With fewer than two draws NaN, and 0 for a combination without entries.
         """
         weights = sparse.csr_array(rows)
         if len(self.draws) < 2:
@@ -304,7 +305,8 @@ def dense_uncertainty(
 ) -> Uncertainty:
     """Uncertainty of the parameters at the minimum `theta`, from the information matrix of the Jacobian.
 
-    Parameters at a bound are held there.
+    Parameters at a bound are held there: without information and uncertainty. The reported covariance is that from the
+    residual where the fit holds model error, else that from noise.
 
     Parameters
     ----------
@@ -315,8 +317,8 @@ def dense_uncertainty(
     converged : bool
         True if the search converged.
     misfit_probability : float
-        The fit holds model error if a larger chi-square, or a larger disagreement of quantities that several records repeat, is
-        less probable than this.
+        The fit holds model error if a larger chi-square, or a larger disagreement of quantities that several records
+        repeat, is less probable than this.
     fixed : FixedColumns, optional
         Fixed values of the model; exact if None.
     """

@@ -143,7 +143,10 @@ class _OtherScores:
         return self.law.factor
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        """Covariance of J'r (n_free, n_free) for the Jacobian (n_data, n_free) by the free unknowns; None as `law` gives it."""
+        """Covariance (n_free, n_free) of J'r for data rows J, `jacobian` (n_data, n_free), by the free unknowns.
+
+        None if `self.law` gives None, which means that it is J'J.
+        """
         padded = np.zeros((len(jacobian), self.n_params))
         padded[:, self.free] = jacobian
         whole = self.law.score_covariance(padded)
@@ -187,7 +190,7 @@ class FixedVariables(Problem):
         return replace(linearization, jacobian=linearization.jacobian[:, self.unknowns.free])
 
     def linearize_operator(self, others: FloatArray) -> OperatorLinearization:
-        """Residual and products with the Jacobian by the free variables alone, at `others` (n_free,)."""
+        """Residual at the variables that are not fixed, `others` (n_free,), and products with its Jacobian by them."""
         whole, free = self.problem.linearize_operator(self.whole(others)), self.unknowns.free
 
         def forward(v: FloatArray) -> FloatArray:

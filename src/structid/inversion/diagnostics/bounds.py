@@ -88,11 +88,12 @@ def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
 def at_bounds(
     problem: Problem, theta: FloatArray, linearization: Linearization, noise_scale: float = 1.0
 ) -> tuple[AtBound, ...]:
-    """Parameters at a bound at the minimum `theta`, from the linearized model.
+    """Parameters at a bound at the minimum `theta`, in their order, from the linearized model; empty if there are none.
 
-    A parameter is at a bound if it is within 1 % of its range and 0.1 standard deviations of the bound, and the minimum of the
-    linear model lies beyond. If its standard deviation without bounds exceeds both its range and its size, it counts as
-    undetermined and is not returned.
+    A parameter is at a bound if it is within 1 % of its range and 0.1 standard deviations of the bound, and the minimum
+    of the linear model lies beyond. A parameter without two finite bounds is never at one. If its standard deviation
+    without bounds, times `noise_scale`, exceeds both its range and its size, it counts as undetermined and is not
+    returned.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def at_bounds(
     linearization : Linearization
         At `theta`.
     noise_scale : float
-        As in `AtBound`.
+        Factor on the noise: the root of chi-square per degree of freedom where the fit holds model error, else 1.
 
     References
     ----------

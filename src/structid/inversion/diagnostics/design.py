@@ -73,11 +73,11 @@ def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray 
 def gains(
     candidates: FloatArray, existing: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None
 ) -> FloatArray:
-    """Increase of the design criterion by adding each candidate to the existing rows, (n_candidates,).
+    """Increase of the design criterion by adding each candidate alone to the existing rows, (n_candidates,).
 
-    With C_i the covariance of the parameters of interest by the existing rows, (J'J)^-1 restricted to them, ``d`` is the
-    decrease of log det C_i (D-optimality, or Ds-optimality for a part of the parameters) and ``a`` that of trace C_i. By the
-    matrix determinant lemma each candidate costs one factorization of the size of its rows.
+    With C_i the covariance of the parameters of interest by the existing rows, (J'J)^-1 restricted to them, ``d`` is
+    the decrease of log det C_i (D-optimality, or Ds-optimality for a part of the parameters) and ``a`` that of trace
+    C_i. By the matrix determinant lemma each candidate costs one factorization of the size of its rows.
 
     Parameters
     ----------
@@ -133,11 +133,14 @@ def greedy(
     of_interest: np.ndarray | None = None,
     enough: Callable[[tuple[int, ...]], bool] | None = None,
 ) -> tuple[int, ...]:
-    """Indices of candidates chosen one by one for the largest gain of the design criterion, at most `count` of them.
+    """Indices (from 0) of candidates in the order of choice, one by one for the largest gain of the design criterion.
+
+    Each choice counts those before it as measured. At most `count` are chosen; of equal gains the first.
 
     Parameters
     ----------
     candidates : (n_candidates, n_rows, n_params) float array
+        Whitened derivatives of each candidate's data by the parameters.
     existing : (n_existing, n_params) float array
         Rows that are there already, of full column rank.
     count : int
@@ -173,8 +176,21 @@ def exchanged(
 ) -> tuple[int, ...]:
     """Indices of chosen candidates after single exchanges that improve the design criterion (Fedorov's algorithm).
 
-    `candidates` are (n_candidates, n_rows, n_params) and `existing` (n_existing, n_params), as in `gains`, with its
-    `criterion` and `of_interest`; `chosen` are the indices to start from. At most 20 passes over the members are made.
+    In each pass every member is replaced by the candidate of largest gain, if this exceeds its own gain by more than
+    1e-9, or 1e-9 of that if it is above 1. It ends after a pass without exchange, or after 20 passes.
+
+    Parameters
+    ----------
+    candidates : (n_candidates, n_rows, n_params) float array
+        Whitened derivatives of each candidate's data by the parameters.
+    existing : (n_existing, n_params) float array
+        Rows that are there already, of full column rank.
+    chosen : sequence of int
+        Indices to start from; the result keeps their order.
+    criterion : {"d", "a"}
+        Determinant or trace of the covariance.
+    of_interest : (n_params,) bool array, optional
+        Parameters whose covariance counts; all by default.
     """
     members = list(chosen)
     for _ in range(_MOST_PASSES):

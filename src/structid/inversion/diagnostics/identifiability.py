@@ -80,7 +80,7 @@ def identifiability(
     noise_scale: float = 1.0,
     free: np.ndarray | None = None,
 ) -> Identifiability:
-    """Rank and undetermined directions of the parameters, from a Jacobian by relative parameters.
+    """Rank, undetermined directions (the worst first) and collinear groups of parameters, from a relative Jacobian.
 
     A direction is undetermined if its relative standard deviation is 1 or more, or its singular value is below 1e-10 of
     the largest.
@@ -92,10 +92,11 @@ def identifiability(
     values : (n_params,) float array
         Physical values, for the words.
     names : tuple of str
+        Names of the parameters.
     noise_scale : float
         Factor on the noise (root of chi-square per degree of freedom where the noise level is not known).
     free : (n_params,) bool array, optional
-        Parameters that count; all by default.
+        Parameters that count in rank, condition and directions; all by default. Groups are of all parameters.
     """
     counted = np.arange(len(names)) if free is None else np.flatnonzero(free)
     if len(jacobian) and np.isfinite(jacobian).all():
@@ -166,8 +167,8 @@ def _join_names(names: list[str]) -> str:
 def _gain_words(relative: FloatArray, names: list[str]) -> str:
     """Sentence part on a common scale of parameters that only channel gains could fix; "" if the direction is none.
 
-    `relative` (n,) is the undetermined direction of relative change of the parameters `names`. It must include a gain, and all
-    other parameters must change by about the same part.
+    `relative` (n,) is the undetermined direction of relative change of the parameters `names`. It must include a gain,
+    and all other parameters must change by the same part, to 10 % of the largest change.
     """
     is_gain = np.array([name.startswith("gain[") for name in names])
     others = relative[~is_gain]
@@ -183,8 +184,9 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
 def _combination_words(relative: FloatArray, values: FloatArray, kind: str) -> str:
     """Words on the combination of parameters that is determined, such as their sum; "" if there is none.
 
-    `relative` (n,) is the undetermined direction of relative change of parameters of one `kind`, `values` (n,) are their
-    physical values. A series (sum of reciprocals) is looked for only among stiffnesses.
+    `relative` (n,) is the undetermined direction of relative change of parameters of one `kind`, `values` (n,) are
+    their physical values. A sum is determined if the changes along the direction cancel to 5 %; a series (sum of
+    reciprocals) is tested in the same way, only among stiffnesses.
     """
     change, inverse = relative * values, relative / values
     as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()
@@ -232,8 +234,9 @@ def collinear_groups(
 
     Two rules find them: parameters whose correlations all reach 0.95 in magnitude, and parameters that owe more than
     half of their variance to singular directions that they share, of the Jacobian with unit columns and with condition
-    indices above 30, which finds dependencies that no pair shows. Parameters that the data do not determine at all are
-    in no group: `Identifiability.directions` names them.
+    indices above 30, which finds dependencies that no pair shows. Overlapping sets are merged. Parameters that the data
+    do not determine at all are in no group. Empty without rows, if an entry is not finite, or if fewer than two are
+    determined.
 
     Parameters
     ----------
@@ -280,9 +283,10 @@ class _Directions:
 def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Condition index of each singular direction, and its share in the variance of each parameter.
 
-    Shapes (n_params,) and (n_params, n_params): ``proportions[k, j]`` for direction k and parameter j; columns sum to 1. The
-    condition index is the largest singular value over that of the direction. `jacobian` (n_data, n_params) is scaled to columns
-    of unit length first.
+    Shapes (n,) and (n, n_params) with n = min(n_data, n_params) directions, that of the largest singular value first;
+    entry [k, j] of the shares is of direction k and parameter j, and columns sum to 1. The condition index is the
+    largest singular value over that of the direction. `jacobian` (n_data, n_params) is scaled to columns of unit length
+    first.
     """
     lengths = np.linalg.norm(jacobian, axis=0)
     unit = jacobian / np.where(lengths > 0, lengths, 1.0)
@@ -309,12 +313,12 @@ def _correlated_sets(size: FloatArray) -> list[set[int]]:
 
 
 def _sets_by_variance_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
-    """Sets of indices of parameters that share near-dependencies, by their variance proportions; each has two members or more.
+    """Sets of two or more indices of parameters that share near-dependencies, by their variance proportions.
 
-    `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their shares in each
-    variance. Directions with a condition index above `STRONG_CONDITION` count, and parameters with more than half of their
-    variance in these together. A direction joins those of them with more than a tenth of its largest share; sets that
-    overlap are merged.
+    `condition` (n,) are the condition indices of the singular directions, `proportions` (n, n_params) their shares in
+    each variance. Directions with a condition index above 30 count, and parameters with more than half of their
+    variance in these together. Such a direction joins those of these parameters whose share is more than a tenth of its
+    largest; sets that overlap are merged.
     """
     strong = proportions[condition > STRONG_CONDITION]
     involved = np.flatnonzero(strong.sum(axis=0) > STRONG_PROPORTION)
@@ -458,8 +462,10 @@ def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> n
 def refusal_words(initial: Bound, final: Bound, carried_at_start: np.ndarray, names: tuple[str, ...]) -> str:
     """Sentences with the Cramer-Rao bounds that show that the data cannot determine a parameter; "" if none does.
 
-    `initial` and `final` are the bounds at the start and at the estimate; `carried_at_start` (n_params,) is the mask by
-    `carried`. `names` are those of the parameters.
+    `initial` and `final` are the bounds at the start and at the estimate, and `names` are those of the parameters. The
+    bound at the start is given if a parameter is False in `carried_at_start` (n_params,), the mask of those that it
+    lets the data determine; that at the estimate if any there exceeds the value. With the first alone, a new start from
+    the estimate is proposed.
     """
     said = [] if carried_at_start.all() else [initial.words(names)]
     if (final.relative > 1).any():

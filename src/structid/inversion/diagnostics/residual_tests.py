@@ -242,8 +242,9 @@ def periodogram_test(values: FloatArray) -> tuple[float, float]:
 def runs_test(values: FloatArray) -> tuple[int, float, float]:
     """Number of runs of equal sign in `values` (n,), its expectation for independent signs, and the two-sided p-value.
 
-    With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1), with a
-    continuity correction of half a run. Zeros are dropped; the p-value is NaN if nothing is left or the variance is 0.
+    With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1),
+    with a continuity correction of half a run. If all n signs are equal, the expectation is 1 + n / 2 and the p-value
+    2^(1 - n), those of fair signs. Zeros are dropped; the p-value is NaN if nothing is left or the variance is 0.
     """
     signs = values[values != 0] > 0
     n, n_positive = len(signs), int(signs.sum())
@@ -300,9 +301,10 @@ def misses_noise(
 ) -> bool:
     """True if noise alone would exceed the chi-square of `residual` with less than `probability`.
 
-    Noise alone gives `scale` times chi-square of `freedom` degrees of freedom; `more` is added to the sum of squares. If few
-    averages tell the noise, a misfit by the law of known noise counts only if a channel is correlated (`has_order`). Without
-    degrees of freedom the number of data rows takes their place.
+    Chi-square is the sum of squares of the data rows plus `more`. Noise alone gives `scale` times chi-square of
+    `freedom` degrees of freedom; without any, the number of data rows takes their place. Where few averages determine
+    the noise, the test for known noise is made too, and a misfit by it alone counts only if the residual of a channel
+    is correlated (`has_order`).
     """
     data, (_, share) = residual[: problem.n_data], row_law(problem.rows.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share
@@ -376,7 +378,10 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
 
 
 def _residual_squares_and_rank(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Residual sum of squares of a linear least-squares fit of `jacobian` (n_rows, n_params) to `residual`, and its rank."""
+    """Residual sum of squares of a least-squares fit to `residual` (n_rows,), and the rank of `jacobian`.
+
+    `jacobian` (n_rows, n_params) is scaled to unit columns; its rank counts singular values above 1e-10 of the largest.
+    """
     scale = np.linalg.norm(jacobian, axis=0)
     vectors, singular, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
     used = vectors[:, singular > _NULL * singular.max(initial=0.0)]

@@ -130,8 +130,9 @@ def bootstrap(
 ) -> Bootstrap:
     """Bootstrap replicates of an estimate: refits of `problem` to data simulated from the fit.
 
-    A replicate has the residual r(theta) - r(estimate) + e, the prediction of the model with new errors e in units of the
-    noise. Its search starts from the estimate.
+    A replicate has the residual r(theta) - r(estimate) + e, the prediction of the model with new errors e in units of
+    the noise. Its search starts from the estimate. A search that fails or does not converge is counted, and left out of
+    the values.
 
     Parameters
     ----------
@@ -232,8 +233,10 @@ def bootstrap_repeats(
     repeats : sequence of records
         Measured independently: averages, impacts, days. Three at least; ten or more for an interval.
     refit : callable
-        The estimate from a sequence of such records.
+        The estimate from a sequence of such records. A refit that raises an error of structid or of linear algebra,
+        does not converge or has values that are not finite is counted as failed, and left out.
     n_replicates : int
+        How many refits.
     rng : numpy Generator, optional
         Seed 0 by default.
 
@@ -248,8 +251,8 @@ def bootstrap_repeats(
 
     Notes
     -----
-    From n repeats n - 1 are drawn each time, which makes the variance of a mean unbiased (Rao and Wu 1988); n would make
-    it too small by (n - 1) / n. What is the same in all repeats (model error, a mounting) cannot show.
+    From n repeats n - 1 are drawn each time, which makes the variance of a mean unbiased (Rao and Wu 1988);
+    n would make it too small by (n - 1) / n. What is the same in all repeats (model error, a mounting) cannot show.
 
     References
     ----------

@@ -57,7 +57,7 @@ def parameter_intervals(
 ) -> Intervals:
     """Intervals of every parameter at probability `level`, by the method that `kind` names.
 
-    The tolerances of fixed values widen all of them.
+    The tolerances of the estimate's fixed values widen the intervals of every kind.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def parameter_intervals(
     Returns
     -------
     Intervals
-        NaN, and a note that says why, where the way chosen cannot give them.
+        With (n_params, 2) ends in physical units: NaN, and a note that says why, where this method cannot give them.
 
     Raises
     ------
@@ -146,12 +146,13 @@ def to_arviz(found: DrawSource, n_draws: int = 4000, seed: int = 0) -> Inference
     Parameters
     ----------
     found : Estimate, Profile, Bootstrap or Samples
-        Of an estimate, draws from the normal distribution of the free variables that its intervals are of; of a profile,
-        from the distribution whose quantiles are the ends of its intervals at all levels; of a bootstrap, its replicates; of
-        samples, their chains.
+        Of an estimate, draws from the normal distribution of the free variables that its intervals are of; of a
+        profile, from the distribution whose quantiles are the ends of its intervals at all levels; of a bootstrap, its
+        replicates; of samples, their chains.
     n_draws : int
-        Of estimates and profiles; the others have as many as they have.
+        Number of draws of estimates and profiles; bootstraps and samples give all that they have.
     seed : int
+        Of the draws.
 
     Raises
     ------

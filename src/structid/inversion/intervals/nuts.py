@@ -171,7 +171,9 @@ def _phase(
 def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
     """Chain state at the start of the next phase, with coordinates and step size from the draws of this one.
 
-    New coordinates are set after phase 0 only, from its draws without the first quarter.
+    Phases are 0 and 1, the halves of the warm-up, and 2, the kept draws. The coordinates are changed after phase 0
+    only, to those in which its draws without the first quarter have about unit covariance; they stay if there is no
+    more than one such draw.
     """
     size, x, factor = float(np.exp(state.step.log_mean)), state.at.x, state.factor
     if state.phase == 0:
@@ -183,7 +185,10 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
 
 
 def _in_coordinates(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
-    """Log density and gradient as a function of y with x = `factor` y, (n_params, n_params); `log_density` itself in phase 0."""
+    """Log density and gradient by coordinates y, with x = `factor` y; `log_density` of x itself in phase 0.
+
+    `factor` is (n_params, n_params).
+    """
     if phase == 0:
         return log_density
 
@@ -219,7 +224,8 @@ def _draw_next(log_density: LogDensity, state: ChainState, rng: np.random.Genera
 def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.random.Generator) -> _Tree:
     """Binary tree of leapfrog steps from `start` with a new random momentum, doubled until it turns back or diverges.
 
-    `size` is the step size; there are at most eight doublings. The next draw is `_Tree.drawn`.
+    `log_density` gives density and gradient, `size` is the step size; there are at most eight doublings. The next draw
+    of the chain is `_Tree.drawn`, with the momentum that it has there.
     """
     begin = _State(start, rng.standard_normal(len(start.x)))
     tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)
@@ -244,8 +250,9 @@ def _grown(
 ) -> _Tree:
     """Tree of 2^`depth` leapfrog steps from the state `end`, built recursively; shorter if it turns back or diverges.
 
-    `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: states have the weight
-    exp(energy - own energy), and a loss of more than `_DIVERGED` is a divergence.
+    `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: a state has the
+    weight exp(`energy` - its energy), and an energy larger by more than 1000, or a density that is not finite, is a
+    divergence. `rng` draws the state that stands for the tree, by weight.
     """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient

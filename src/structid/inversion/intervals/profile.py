@@ -93,7 +93,12 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """Sentence that compares the profile-likelihood interval with the Laplace interval."""
+        """Sentence that compares the profile-likelihood interval with the Laplace interval.
+
+        It names instead a better fit than the estimate (deviance below -0.01), or sides without limit. The interval
+        counts as quadratic if the half-widths differ by less than 10 %, as mildly nonlinear below 50 %, else as
+        strongly nonlinear.
+        """
         if self.better < -_LOWER_BY:
             return f"{self.name}: the profile found a better fit; the estimate is not the minimum, search again"
         if all(self.is_open):
@@ -126,11 +131,12 @@ def profile(
         That gave the estimate.
     estimate : Estimate
     parameter : str or int
-        Name or position.
+        Name, or index from 0.
     level : float
         Probability of the interval.
     max_points : int
-        Most constrained fits on one side; one that is not enough leaves the end open. Each costs some linearizations.
+        Most constrained fits on one side. Where they do not reach the end, it is open: infinite in the free variable.
+        Each costs some linearizations.
 
     Returns
     -------
@@ -242,9 +248,10 @@ def _position(estimate: Estimate, parameter: str | int) -> int:
 
 
 def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
-    """Ratio of the parameter's variance to that of the fit with known noise; 1 without model error or few averages.
+    """Ratio of a parameter's variance to that of the fit with known noise: 1 without model error and few averages.
 
-    `index` is that of the parameter. If it is not identified, the ratio is chi-square per degree of freedom, at least 1.
+    `index` is that of the parameter. If it is not identified, the ratio is chi-square per degree of freedom, at least
+    1. With few averages the variance is compared with that of the least-squares fit as if the noise were known.
     """
     few = few_averages(problem.rows.averages)
     if estimate.covariance_basis == "noise" and few is None:
@@ -283,8 +290,10 @@ class _Side:
     def walked(self) -> tuple[list[_Point], float]:
         """Points of the profile on this side, and the interval end in the free variable; infinite if none was reached.
 
-        A point is the free variable, the deviance and all free variables (n_params,); points go outwards from the estimate. The
-        walk ends after `max_points`, where a fit fails, or at the farthest distance allowed.
+        A point is the free variable, the deviance and all free variables (n_params,); points go outwards from the
+        estimate. The walk ends where the root of the deviance is within 0.2 % of the wanted quantile, which is the
+        interval end, and without one after `max_points` fits, where a fit fails, or at the farthest distance: 1e4
+        standard deviations for a parameter that is its own free variable, else 40 plus the magnitude of the start.
         """
         start = float(self.estimate.theta[self.index])
         std = float(self.estimate.std_free[self.index])
@@ -337,8 +346,10 @@ class _Side:
     ) -> float:
         """Next trial value of the free variable for the interval end, by Newton's method kept inside a bracket.
 
-        `inside`, `outside` (None if not met yet) and `last` are points on either side of the end and the last one: free
-        variable, root of the deviance, and slope of this root.
+        `inside` and `outside` (None if not met yet) are points on either side of the end, and `last` is the last one
+        tried: free variable, root of the deviance, and slope of this root. Without `outside` a step at most triples the
+        distance from the estimate. A Newton step that leaves the middle 90 % of the bracket is replaced by linear
+        interpolation.
         """
         start = float(self.estimate.theta[self.index])
         trial, root, rate = last

@@ -133,11 +133,11 @@ def sample(
     estimate : Estimate
         Of that problem; its noise covariance must be finite.
     n_draws : int
-        A chain; with emcee of a walker.
+        Draws that are kept of each chain, with emcee of each walker.
     n_chains : int
         With emcee the number of walkers is the larger of this and twice the number of parameters and two.
     n_warmup : int
-        Draws before those; with emcee at least as many as are kept.
+        Draws before these, which are dropped; with emcee at least as many as are kept.
     sampler : {"nuts", "emcee"}
         emcee needs the extra ``sampling``; its walkers are diagnosed as chains, though they are not quite independent.
     flat_in : {"physical", "free"}
@@ -308,10 +308,12 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: StoredValues, tools: TaskContext) -> StoredValues:
-    """Next `_AT_ONCE` draws of one Markov chain, as a parallel task, with the stored state after them.
+    """Next 50 draws (`_AT_ONCE`, warm-up included) of one Markov chain and its stored state, as a parallel task.
 
-    `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result have the
-    keys ``chain`` (None before the first draw) and ``random``; the result also has ``draws``.
+    `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result
+    have the keys ``chain`` (stored state, None before the first draw) and ``random`` (state of the generator); the
+    result also has ``draws``, those that are kept, (n, n_params). A first draw starts from a random point, halved until
+    its density is positive.
     """
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])
@@ -356,7 +358,8 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
 def split_r_hat(draws: FloatArray) -> float:
     """Rank-normalized split R-hat of one quantity, about 1 for chains that agree; NaN for constant or not finite draws.
 
-    The larger of two: that of the draws, and that of their absolute distances from the median of all chains.
+    It is the larger of that of the draws and that of their absolute distances from the median of all chains; each chain
+    is split into two halves.
 
     Parameters
     ----------

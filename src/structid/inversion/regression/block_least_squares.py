@@ -138,14 +138,16 @@ class _Normal:
 def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockFit:
     """Least-squares solution of all rows reduced into the triangles of `state`, with NaN for undetermined parameters.
 
-    A banded sweep if the band is at most 128 wide, else sparse normal equations; a wider band if these are too inaccurate. If
-    that band would be too large, no value is given.
+    A banded sweep if the band is at most 128 wide, else sparse normal equations; a wider band if these are too
+    inaccurate. If that band would hold more than 1e8 numbers, all values are NaN.
 
     Parameters
     ----------
     state : StreamingQr
+        Parameters of each block of rows, and its triangle.
     size : (n_params,) float array, optional
-        What the norm of each column would be if nothing cancelled in it; see `StreamingQr.solution`.
+        Norm that each column would have if nothing cancelled in it: a column below 1e-10 of that counts as zero. By
+        default only a column of zeros does.
     """
     norm = _column_norms(state)
     seen = norm > (0.0 if size is None else RANK_TOLERANCE * size)
@@ -171,7 +173,8 @@ def _column_norms(state: StreamingQr) -> FloatArray:
 def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> BlockFit:
     """Least-squares fit of all blocks by a banded orthogonal sweep, without undetermined columns.
 
-    `scale` (n_params,) is the factor on each column, 0 for a column that is left out.
+    `scale` (n_params,) is the factor on each column, 0 for a column that is left out. Parameters without a column, with
+    a diagonal entry of at most 1e-10, or in an undetermined direction with such a one are NaN.
     """
     band, right, rest = swept(state.triangles, state.columns, layout, scale)
     kept = scale > 0
@@ -198,7 +201,9 @@ def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> Block
 def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.ndarray:
     """Mask (n_params,) of parameters that take part in an undetermined direction with the `weak` columns.
 
-    `rows` are the scaled rows, `weak` (n_params,) is a mask, and `factor` the triangle without the weak columns.
+    `rows` (n_rows, n_params) are scaled, `weak` (n_params,) is a mask, and `factor` the triangle without the weak
+    columns. Two random mixtures of the weak columns are expressed by all others; a parameter takes part with a factor
+    above 1e-6.
     """
     mixture = np.zeros((rows.shape[1], 2))
     mixture[weak] = np.random.default_rng(0).uniform(0.5, 1.5, (int(weak.sum()), 2))
@@ -207,9 +212,10 @@ def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.nda
 
 
 def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, FloatArray]:
-    """Rows of the triangles of all blocks with scaled columns, sparse (n_rows, n_params), and right-hand sides (n_rows,).
+    """Sparse rows (n_rows, n_params) of the triangles of all blocks with scaled columns, and their right-hand sides.
 
-    `scale` (n_params,) is the factor on each column.
+    There are k rows for each block of k columns; the last of its triangle, the residual alone, is left out. `scale`
+    (n_params,) is the factor on each column; the right-hand sides are (n_rows,).
     """
     n_blocks, side = state.triangles.shape[:2]
     used = np.broadcast_to((state.columns >= 0)[:, None, :], (n_blocks, side - 1, side - 1))
@@ -247,9 +253,9 @@ def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | No
 
 
 def _unresolved(state: StreamingQr, scale: FloatArray) -> BlockFit:
-    """Fit without values (NaN), where neither normal equations nor the band can solve the system.
+    """Fit with all values NaN, where neither normal equations nor the band can solve the system.
 
-    `scale` (n_params,) is the factor on each column.
+    `scale` (n_params,) is the factor on each column, 0 where it has no effect.
     """
     empty = locked(np.full(state.n_params, np.nan))
     seen = locked(scale > 0)
@@ -267,19 +273,22 @@ def _fit(
     factor: _Band | _Normal,
     words: str,
 ) -> BlockFit:
-    """`BlockFit` of `values` (n_params,) with the factor of the normal matrix.
+    """`BlockFit` of given `values` (n_params,), with the residual variance, NaN without degrees of freedom.
 
     Parameters
     ----------
     state : StreamingQr
+        Blocks that were solved.
     values : (n_params,) float array
+        Solution, NaN for undetermined parameters.
     scale : (n_params,) float array
-        Factor on each column.
+        Factor on each column, 0 for one without effect.
     kept : (n_params,) bool array
         Columns that are determined.
     rest : float
         Residual sum of squares.
     factor : _Band or _Normal
+        Factor of the normal matrix with scaled columns.
     words : str
         Name of the method.
     """
@@ -358,7 +367,7 @@ def _layout(columns: IntArray, n_params: int) -> BandLayout:
     """Layout with a narrow band, by reverse Cuthill-McKee on the parameters of the blocks.
 
     `columns` (n_blocks, k) are the parameters of each block, -1 where it has fewer. `n_params` is the number of all
-    parameters.
+    parameters. Blocks are ordered by the first position that they use, those without columns last.
     """
     positions = np.empty(n_params, dtype=np.int64)
     positions[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)
@@ -390,15 +399,18 @@ def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
 def swept(
     triangles: FloatArray, columns: IntArray, layout: BandLayout, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Banded QR factorization of all blocks: triangle (n, width), right-hand side (n,), and residual sum of squares.
+    """Banded triangle (n_params, width) of all blocks, right-hand side (n_params,), and residual sum of squares.
 
     Rows follow the order of `layout`; entry j of row i of the triangle is in column i + j.
 
     Parameters
     ----------
     triangles : (n_blocks, k + 1, k + 1) float array
+        Triangle of each block, right-hand side in the last column.
     columns : (n_blocks, k) int array
+        Parameters of each block, -1 where it has fewer.
     layout : BandLayout
+        Order of parameters and blocks in the band.
     scale : (n_params,) float array
         Factor on each column, in the order of the parameters; 0 leaves it out.
     """
@@ -437,7 +449,7 @@ def _diagonals(dense: FloatArray, width: int) -> FloatArray:
 
 
 def _dense(band: FloatArray) -> FloatArray:
-    """Dense rows (n, n + width - 1) of a matrix stored as a band (n, width)."""
+    """Dense rows (n, n + width - 1) of `band` (n, width): entry j of row i goes to column i + j."""
     n, width = band.shape
     dense = np.zeros((n, n + width - 1))
     _diagonals(dense, width)[:] = band

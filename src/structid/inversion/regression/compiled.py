@@ -112,13 +112,13 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
     ----------
     b : (n,) float array
     at : tuple of int
-        Where each row begins in `b`.
+        Index in `b` at which each row begins; one entry for each row that is made.
     samples : Samples
         The fields and the range of samples.
     blocks : Blocks
         The sparse operator.
     row : int
-        First operator row.
+        First operator row; zeros are written if it uses no field.
     side : int
         Distance of the rows in the operator.
     factors : tuple of float
@@ -144,13 +144,15 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
 
 @_part
 def _make(b, at, block, samples, blocks, row, side, n):
-    """Write the samples of the same equation row of `n` neighbouring blocks into `b`, up to three of equal fields at a time.
+    """Write the samples of the same equation row of `n` neighbouring blocks into `b`, up to three blocks at a time.
+
+    Blocks are made together if their rows use the same fields.
 
     Parameters
     ----------
     b : (n,) float array
     at : int
-        Where the first row begins in `b`.
+        Index in `b` at which the first row begins.
     block : int
         Distance of the blocks in `b`.
     samples : Samples
@@ -179,7 +181,11 @@ def _make(b, at, block, samples, blocks, row, side, n):
 
 @_part
 def _put_triangle_first(r, q, rows, new):
-    """Write the triangle `r` of `q` columns before the last `new` samples of the columns `rows`, padded with zeros."""
+    """Write the triangle `r` of `q` columns before the last `new` samples of the columns `rows`, padded with zeros.
+
+    Columns are padded to a multiple of three, with columns of zeros; the right-hand side, last in `r`, follows these in
+    `rows`.
+    """
     n, last = _padded(q), r.shape[0] - 1
     for k in range(n + 1):
         at = rows.first + k * rows.apart
@@ -196,7 +202,8 @@ def _put_triangle_first(r, q, rows, new):
 def _take(r, q, rows, i, j):
     """Move entry `i` of column `j` of `rows` to row i of the triangle `r` of `q` columns, and put zero in its place.
 
-    Entries of padding columns are dropped; the padded column after them goes to the last column of `r`, the right-hand side.
+    Column numbers of `rows` are padded to a multiple of three; entries of padding are dropped. The column after these
+    is the right-hand side, and goes to the last column of `r`.
     """
     at = rows.first + j * rows.apart + i
     if i < q and (j < q or j == _padded(q)):
@@ -209,7 +216,7 @@ def _reflect_panel(r, q, rows, k):
     """Reflect columns k to k + 2 of `rows` and the right-hand side by Householder vectors, and update the triangle `r`.
 
     `q` is the number of columns. The vectors replace the columns. Returns the three factors of the reflections, and the
-    products of the vectors as nine numbers by rows (below the diagonal).
+    inner products of the vectors, as a 3 x 3 matrix by rows of which only the part below the diagonal is filled.
     """
     b, n, factors, overlap = rows.b, _padded(q), _THREE, _NINE
     v = _three(rows, k)
@@ -261,11 +268,11 @@ def _update_by_reflections(r, q, rows):
 
 @_part
 def _cholesky(g, q):
-    """Replace the matrix of products `g` by its Cholesky factor and the inverse of this, in place; returns a squared norm.
+    """Replace the matrix of products `g` in place by its Cholesky factor and the inverse of it; returns a squared norm.
 
-    The upper part becomes the factor of the first `q` columns, the part below the diagonal its inverse, and the last column the
-    right-hand sides divided by the transposed triangle. The norm is that of the inverse with unit columns, infinite where g is
-    singular.
+    The upper part becomes the factor of the first `q` columns, the part below the diagonal its inverse, and the last
+    column the right-hand sides divided by the transposed triangle. The norm is that of the inverse with unit columns,
+    infinite where g is singular, and `g` then half changed.
     """
     sizes, weakness = np.zeros(q), 0.0
     for k in range(q):
@@ -291,9 +298,10 @@ def _cholesky(g, q):
 
 @_part
 def _with_right(g, rows, n):
-    """Put the products of all columns of `rows` with the right-hand side into column `n` of `g`, in place.
+    """Put the products of all columns of `rows` with the right-hand side into the last column of `g`, in place.
 
-    `n` is the number of columns with padding; the last entry is the square of the right-hand side.
+    `g` is (n + 1, n + 1) for `n` columns of `rows` with padding; the right-hand side follows them. Entry [n, n] is its
+    square.
     """
     right = (rows.first + n * rows.apart,)
     for i in range(0, n, 3):
@@ -307,7 +315,8 @@ def _with_right(g, rows, n):
 def _refine_right_side(g, q, rows, n):
     """Refine the right-hand side in the last column of the factor `g` once; returns the residual's sum of squares.
 
-    `q` columns of `rows` are used, `n` with padding.
+    `g` (n + 1, n + 1) is from `_cholesky`. `q` columns of `rows` are used, `n` with padding; the right-hand side in
+    `rows` is replaced by its residual.
     """
     p = np.zeros(n)
     for i in range(q - 1, -1, -1):
@@ -333,11 +342,12 @@ def _refine_right_side(g, q, rows, n):
 
 @_part
 def _factor_by_products(r, q, rows):
-    """Replace the triangle `r` of `q` columns by the Cholesky factor of the products of `rows`; returns False if inaccurate.
+    """Replace the triangle `r` of `q` columns by the Cholesky factor of the products of `rows`; False if inaccurate.
 
-    In that case `r` is unchanged. `rows` include the old triangle. Products cost half as much as reflections but square the
-    condition: they count only if the sum of squares of the inverse triangle with unit columns is at most `WEAKEST` per column.
-    The residual of a right-hand side that is nearly explained is summed from the residual itself.
+    In that case `r` is unchanged. `rows` include the old triangle. Products cost half as much as reflections but square
+    the condition: they count only if the sum of squares of the inverse triangle with unit columns is at most `WEAKEST`
+    per column. Where less than `SMALL` of the square of the right-hand side is left, its residual is formed and summed,
+    which overwrites it in `rows`.
     """
     n, last = _padded(q), r.shape[0] - 1
     g = np.zeros((n + 1, n + 1))
@@ -366,7 +376,8 @@ def _factor_by_products(r, q, rows):
 def fold_fields(triangles, fields, blocks, first, last, longest):
     """Update the triangles of block groups `first` to `last` by the equation rows formed from `fields`, in place.
 
-    Group h is the blocks heads[h] to heads[h + 1], three at most.
+    Group h is the blocks from `blocks.heads[h]` to before `blocks.heads[h + 1]`, three at most; group `last` is not
+    included.
 
     Parameters
     ----------
@@ -375,6 +386,7 @@ def fold_fields(triangles, fields, blocks, first, last, longest):
     blocks : Blocks
         Sparse operator from the fields to the rows of all blocks.
     first, last : int
+        Range of groups.
     longest : int
         Largest number of samples taken at a time.
     """

@@ -166,14 +166,19 @@ def _groups(columns: IntArray) -> IntArray:
 def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: FoldingKernels) -> FloatArray:
     """New block triangles (n_blocks, k + 1, k + 1): the old ones updated by the rows that `maker` forms of `fields`.
 
-    Compiled if `work` says so and the operator goes block by block, else by NumPy.
+    Every sample of the fields gives one row for each block. Compiled if `work` says so for this size and the operator
+    goes block by block, else by NumPy.
 
     Parameters
     ----------
     triangles : (n_blocks, k + 1, k + 1) float array
+        Triangle of each block, right-hand side last; it is not changed.
     maker : RowMaker
+        Operator from the fields of one sample to the rows of all blocks.
     fields : (n_fields, n_times) float array
+        Samples from which the rows are formed.
     work : FoldingKernels
+        Engine and number of threads.
 
     Raises
     ------

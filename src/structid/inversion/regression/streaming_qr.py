@@ -110,6 +110,7 @@ class StreamingQr:
         rows : RowMaker or (n_blocks (n_columns + 1), n_fields) sparse array
             Regressors of every block, its right-hand side last, from the fields of one sample.
         fields : (n_fields, n_times) float array
+            Samples.
         work : FoldingKernels, optional
             Compiled or not, and on how many threads.
         """
@@ -173,14 +174,17 @@ def stacked_triangles(triangles: FloatArray, rows: FloatArray) -> FloatArray:
 def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> FloatArray:
     """Upper triangle [R | z] over all parameters, from the triangles of blocks of few parameters each.
 
-    `columns` are the parameters of each block, -1 where it has fewer; the right-hand side is the last column.
+    The last row holds the residual norm of all blocks.
 
     Parameters
     ----------
     triangles : (..., n_blocks, k + 1, k + 1) float array
-        Leading axes are independent problems, such as the repeats of a simulation.
+        Triangle of each block, right-hand side in the last column. Leading axes are independent problems, such as the
+        repeats of a simulation.
     columns : (n_blocks, k) int array
+        Parameters of each block, -1 where it has fewer.
     n_params : int
+        Number of all parameters.
 
     Returns
     -------
@@ -205,8 +209,9 @@ def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> 
 def triangle_solution(triangle: FloatArray, n_rows: int, size: FloatArray | None = None) -> LinearFit:
     """Least-squares solution from the triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows.
 
-    `size` (n_params,) is the norm that each column would have without cancellation; a column below 1e-10 of it counts as zero.
-    Values in undetermined directions are NaN.
+    `size` (n_params,) is the norm that each column would have without cancellation; a column below 1e-10 of it counts
+    as zero, and without `size` a column of zeros alone. Directions with a singular value below 1e-10 of the largest,
+    with unit columns, are undetermined. Values of parameters in them are NaN.
     """
     n_params = len(triangle) - 1
     factor, right = np.array(triangle[:n_params, :n_params]), triangle[:n_params, n_params]

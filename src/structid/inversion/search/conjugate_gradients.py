@@ -24,8 +24,9 @@ _MOST_ROWS, _RIGHT_SIDES = 6000, 256
 def preconditioner(linearization: OperatorLinearization, damping: FloatArray) -> Solver:
     """Function that solves (S + U C^-1 U') x = b, the preconditioner for the damped normal equations.
 
-    S = P'P + damping + a small part of diag(J'J), with P the prior rows and `damping` (n_params,) a diagonal. U = J' and C = 1
-    if J is stored with at most 6000 rows, else U C^-1 U' is the sketch of J'J.
+    S = P'P + damping + a small part of diag(J'J), with P the prior rows and `damping` (n_params,) a diagonal. U = J'
+    and C = 1 if the data rows J are stored and at most 6000, else U C^-1 U' is `linearization.sketch`, a low-rank
+    approximation of J'J. The part is 1e-5 with stored rows, else 1e-3. The function takes b and gives x, (n_params,).
     """
     from scipy.linalg import cho_factor, cho_solve
 
@@ -61,9 +62,9 @@ def conjugate_gradients(
 ) -> tuple[FloatArray, int, float]:
     """Solution x of A x = `right` for positive definite A, the number of iterations, and the relative residual.
 
-    `apply` multiplies by A, `precondition` solves approximately. The residual is in the norm of the preconditioner. Iterations
-    end at a relative residual of `tolerance`, or after `most`; the residual is infinite where A is not positive along a
-    direction.
+    `apply` multiplies by A, `precondition` solves approximately. The residual is in the norm of the preconditioner.
+    Iterations end at a relative residual of `tolerance`, or after `most`; the residual is infinite where A or the
+    preconditioner is not positive along a direction. `right` (n,) of zeros gives zeros, without an iteration.
 
     References
     ----------

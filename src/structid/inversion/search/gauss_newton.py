@@ -48,7 +48,10 @@ class GaussNewton(WithJacobian):
     def tried(self, problem: Problem, point: Point[Linearization], damping: Damping) -> IterationResult:
         """Trial with the Gauss-Newton step from `point`, or without a step and with the reason to end the search.
 
-        With `step_control` the step is halved until the sum of squares does not grow. `damping` is not used.
+        With `step_control` the step is halved until the sum of squares does not grow, down to 1e-6 of it. The search
+        ends without a step if none is found (converged if the whole step is below a thousand step tolerances) or the
+        model cannot be evaluated at its end, and with this step if every entry is below the step tolerance. `damping`
+        is not used.
         """
         step = -np.linalg.lstsq(point.at.jacobian, point.at.residual, rcond=None)[0]
         size, cost = 1.0, cost_at(problem, point.theta + step)

@@ -87,7 +87,7 @@ class Minimum:
 
 
 def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
-    """Residual (n_residuals,) at free variables `theta` (n_params,); None if the model is singular there or it is not finite."""
+    """Residual (n_residuals,) at free variables `theta` (n_params,); None if singular or not finite there."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             residual = problem.residual(theta)
@@ -268,6 +268,8 @@ def minimize(
 ) -> Minimum:
     """Nearest minimum of the sum of squared residuals, from `theta` by `method`.
 
+    It is returned also where the search did not converge: `converged` and `message` tell.
+
     Parameters
     ----------
     problem : Problem
@@ -349,8 +351,8 @@ def damped_end(
 ) -> End | None:
     """Reason why a damped search ends before `step` (n_params,), of predicted decrease `promised`; None if it goes on.
 
-    It ends if every entry is below `step_tolerance` times the size of its parameter or the damping is extreme, or if the
-    decrease is below `gain_tolerance` times the sum of squares.
+    It ends as converged if every entry is at most `step_tolerance` times the size of its parameter or the damping is
+    above 1e40, or if the decrease is at most `gain_tolerance` times the sum of squares and the damping below 1000.
     """
     if (np.abs(step) <= step_tolerance * point.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")

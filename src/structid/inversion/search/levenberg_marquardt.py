@@ -111,9 +111,10 @@ class _Damped:
         return -solve_upper(self.triangle, down)
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
-        """Damped step (n_params,) with the entries `held` (mask) fixed at those of `values` (n_params,).
+        """Damped step (n_params,) with the entries in the mask `held` fixed at those of `values`, both (n_params,).
 
-        `projected` (n_params,) is Q'r, the residual in the coordinates of the triangle.
+        `projected` (n_params,) is Q'r, the residual in the coordinates of the triangle. Entries of `values` outside the
+        mask do not count.
         """
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
@@ -133,11 +134,12 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
 
 
 def _velocity(point: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
-    """Damped step (n_params,) from `point`, with runaway parameters and those at the end of their reach kept at their limits.
+    """Damped step (n_params,) from `point`, with runaway parameters and those at the end of their reach kept there.
 
-    `damped` has the factors of the damped Jacobian, `damping` the largest step of each parameter. A parameter runs away if its
-    step exceeds that but moving it so far hardly changes the residual, such as a loss factor on its way to 0; the whole step
-    would be shortened for it otherwise. A parameter that would leave the reach of the search is kept at the end.
+    `damped` has the factors of the damped Jacobian, `damping` the largest step of each parameter and the reach of the
+    search. A parameter runs away if its step exceeds the largest but moving it so far changes the residual by less than
+    1 % of the predicted decrease, such as a loss factor on its way to 0: it is kept at the largest step. The step of
+    the others is solved anew, at most four times; these may still exceed their largest step.
     """
     limit, velocity = damping.limit, damped.step(point.projected)
     effect = point.scale * limit
@@ -207,7 +209,7 @@ class LevenbergMarquardt(WithJacobian):
         return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
 
     def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
-        """Linearization at free variables `theta` (n_params,) with its QR triangle and column norms."""
+        """Linearization at free variables `theta` (n_params,) with its QR triangle, column norms and sizes."""
         linearization = problem.linearize(theta)
         both, n = linearization.triangle(), linearization.n_params
         triangle, projected = both[:n, :n], both[:n, n]
@@ -223,7 +225,9 @@ class LevenbergMarquardt(WithJacobian):
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
         """Trial with the damped step from `point` and its gain ratio, or without a step and with the reason to end.
 
-        If the step keeps at most `_KEPT` of the predicted decrease, it is also tried with acceleration and the better one taken.
+        The step is cut to the largest one of each parameter and to the reach of the search. If it keeps at most 0.7 of
+        the predicted decrease, it is also tried with acceleration and the better one taken. The gain ratio is the
+        decrease of the sum of squares over that predicted for the uncut step. The step may raise the sum of squares.
         """
         damped = _damped(point.triangle, damping.factor, damping.scale)
         velocity = _velocity(point, damped, damping)
@@ -249,7 +253,8 @@ class LevenbergMarquardt(WithJacobian):
     ) -> FloatArray | None:
         """Step with half of its geodesic acceleration, (n_params,), from the `residual` after `step`.
 
-        None without acceleration, if the curvature is below rounding, or if the acceleration is too long. `step` is
+        None if `self.acceleration` is 0, if the curvature is below rounding, or if the acceleration is longer than
+        `self.acceleration` times the step. `point` is where the step begins, `damped` its damped Jacobian; `step` is
         (n_params,), `residual` (n_residuals,).
         """
         if self.acceleration <= 0:
@@ -279,7 +284,11 @@ class Raced(LevenbergMarquardt):
     left_at: Positive = _LEFT_AT
 
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
-        """Trial from `point` as in Levenberg-Marquardt, or the end of a search that will probably stay above `above`."""
+        """Levenberg-Marquardt trial from `point`, or the end of a search that will probably stay above `self.above`.
+
+        It ends, not converged, if the decrease of the undamped step is below `self.left_at` of the sum of squares, and
+        four times that decrease would not bring the sum of squares down to `self.above`.
+        """
         promised = float(point.projected @ point.projected)
         if promised < self.left_at * point.cost and point.cost - _MOST_GAINED * promised > self.above:
             return IterationResult(None, end=End(False, LEFT))

@@ -86,7 +86,11 @@ class MatrixFree:
         return Point(theta, linearization, np.sqrt(linearization.squares), sizes_at(problem, theta))
 
     def tried(self, problem: Problem, point: Point[OperatorLinearization], damping: Damping) -> IterationResult:
-        """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end."""
+        """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end.
+
+        The gain ratio is the decrease of the sum of squares over that predicted for the step before it is shortened to
+        its limit; -1 if none is predicted.
+        """
         linearization, weight = point.at, damping.factor * damping.scale**2
         gradient = linearization.transposed(linearization.residual)
         step, count, _ = conjugate_gradients(

@@ -145,11 +145,12 @@ def searched_minima(
 ) -> SearchedMinima:
     """Minima found by all searches, with the iterations of each.
 
-    The first search takes the first continuation path from the given start. While no minimum fits, restarts take the other
-    paths in turn, then random points. `uniqueness_starts` more take the first path from random points in any case, and so do
-    `doubt_starts` where an answer that fits is doubtful. Where there are restarts, a search that clearly misses the noise
-    and hardly gains any more is stopped, and completed only if its end is nearly the best.
-    Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
+    The first search takes the first continuation path from the given start. While no minimum fits, restarts take the
+    other paths in turn, then random points. `uniqueness_starts` more take the first path from random points in any
+    case, or the larger of these and `doubt_starts` where an answer that fits is doubtful. Where there are restarts, a
+    search that clearly misses the noise and hardly gains any more is stopped, and completed only if its end is nearly
+    the best. Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is
+    the same.
 
     Parameters
     ----------
@@ -311,9 +312,10 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Starting points on both sides of an answer along its two worst-determined directions, a factor of five away at most.
+    """Four starting points about an answer: on both sides along its two worst-determined directions, free variables.
 
-    Points are free variables, (n_params,) each.
+    Each is (n_params,), with the parameter that changes most changed by a factor of five (log 5 times its size). One
+    direction if there is one parameter.
     """
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
@@ -322,10 +324,10 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
 
 
 def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArray) -> bool:
-    """True if data and priors determine every direction of the parameters at a minimum, or at the start.
+    """True if data and priors determine every direction of the parameters at `minimum` or at `start`.
 
     A search may end between several answers, where the data do not see the way from one to the next. `start`
-    (n_params,) are free variables.
+    (n_params,) are free variables; False there if the model cannot be evaluated.
     """
     if _is_determined(problem, minimum.theta, cast(Linearization, minimum.linearization)):
         return True
@@ -337,7 +339,10 @@ def _is_determined_somewhere(problem: Problem, minimum: Minimum, start: FloatArr
 
 
 def _is_determined(problem: Problem, theta: FloatArray, linearization: Linearization) -> bool:
-    """True if the Jacobian at free variables `theta`, for relative parameters and with prior rows, has full rank to `_SEEN`."""
+    """True if the Jacobian at free variables `theta` (n_params,), with prior rows, determines every direction.
+
+    Its columns are scaled to relative changes; the smallest singular value must exceed 1e-8 of the largest.
+    """
     relative = linearization.jacobian * sizes_at(problem, theta)
     if len(relative) < len(theta) or not np.isfinite(relative).all():
         return False
@@ -381,7 +386,9 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
     """True if the best answer is doubtful enough for more searches: far from the start, or pushed beyond a bound.
 
-    False without `doubt_starts` (see `Search`) or for a matrix-free method. `start` (n_params,) are free variables.
+    Far is a change by more than log(`search.doubt_beyond`) times the size of a parameter; the data must push by more
+    than chance. False without `search.doubt_starts` or for a matrix-free method. `start` (n_params,) are free
+    variables.
     """
     if not search.doubt_starts or method.is_matrix_free:
         return False
@@ -427,11 +434,12 @@ def staged(
     prefix: str = "",
     minimize: Minimizer = SERIAL.minimize,
 ) -> tuple[Minimum, int]:
-    """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all of them.
+    """Minimum of `problem` after the searches of its easier `stages`, and the number of iterations of all searches.
 
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
-    `prefix` begins the names of stages in progress messages. `theta` (n_params,) are free variables; `progress` is
-    called with the name of a stage, its iteration and the sum of squares.
+    `stages` are names and problems, searched one after another, and `prefix` begins their names in progress messages.
+    `theta` (n_params,) are free variables; `progress` is called with the name of a stage, its iteration and the sum of
+    squares.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []
@@ -459,18 +467,22 @@ def distinct_answers(
 ) -> tuple[DistinctMinimum, ...]:
     """Distinct converged minima, best first, and for each if it fits the data within noise.
 
-    Minima at most three posterior standard deviations apart are one answer.
+    Minima at most three posterior standard deviations apart are one answer. An answer fits if `fits` accepts it and its
+    least sum of squares is not so much larger than that of the best that a difference like this has less than
+    `probability`, were it the truth.
 
     Parameters
     ----------
     problem : Problem
     minima : sequence of Minimum
+        Ends of searches; those that did not converge are left out.
     fits : callable
-        Whether chi-square is acceptable at a minimum.
+        True if the data allow a minimum.
     least_cost : callable
         The smallest sum of squares that noise and tolerances leave at a minimum.
     probability : float
-        Of a larger difference of two sums of squares than the one that rules an answer out, were it the truth.
+        Of a larger difference of two sums of squares, by chi-square with the number of parameters as degrees of
+        freedom.
     """
     groups: list[list[Minimum]] = []
     for minimum in sorted((m for m in minima if m.converged), key=cost_rank):

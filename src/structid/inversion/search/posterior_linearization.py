@@ -32,7 +32,9 @@ def posterior_linearized(
     predictable speak first, and others as the spread narrows: no order of modes or of samples has to be known. A search
     by derivatives has to follow from here.
 
-    A round costs 100 residuals, or four for each parameter, and no derivative; there are at most `_ROUNDS` rounds.
+    A round costs 100 residuals, or four for each parameter if that is more, and no derivative. There are at most 20
+    rounds; they end where the residual is nearly linear over the draws, or where the model can be evaluated at too few
+    of them.
 
     Parameters
     ----------
@@ -42,6 +44,7 @@ def posterior_linearized(
     spread : float
         Standard deviation of the start, in parts of each parameter.
     seed : int
+        Of the draws.
     progress : callable, optional
         Called with the round and the sum of squares of the mean residual.
 
@@ -97,10 +100,10 @@ def _draw_residuals(
 
 
 def _line(draws: FloatArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Regression of every residual row on the draws: value at the centre (n_rows,), slopes, remaining variance (n_rows,).
+    """Linear regression of every residual row on the draws: values at the centre, slopes, and remaining variances.
 
-    `draws` are (n_draws, n_params), `residuals` (n_draws, n_rows). Slopes (n_rows, n_params) are shrunk by the James-Stein
-    factor, to 0 where they are no larger than chance.
+    `draws` are (n_draws, n_params), `residuals` (n_draws, n_rows); values and variances are (n_rows,). Slopes (n_rows,
+    n_params) are shrunk by the James-Stein factor, to 0 where they are no larger than chance.
     """
     n_draws, n_params = draws.shape
     design = np.column_stack([np.ones(n_draws), draws])

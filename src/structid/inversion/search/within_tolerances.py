@@ -76,9 +76,10 @@ class FixedValues:
     ) -> FitWithinTolerances:
         """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta` of `names`.
 
-        `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data, steps are damped more,
-        and the refit ends there if it stays above. `start` is the end of a refit to a part of the data, free variables of all
-        unknowns with fixed values among them: from there only a few steps are taken, if it fits all data better than `theta`.
+        `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data (not in a
+        matrix-free search), a first search of seven iterations has more damping, and the refit ends there if it stays
+        above. `start` is the end of a refit to a part of the data, free variables of all unknowns with fixed values
+        among them: from there only a few steps are taken, if it fits all data better than `theta`.
         """
         begun, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
         if start is not None and self._cost(start) < self._cost(begun):
@@ -93,10 +94,12 @@ class FixedValues:
         return self._fit(minimum.theta, minimum.linearization, names)
 
     def followed(self, within: FitWithinTolerances, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
-        """Copy of `within` with `followed` and `explained`, which compare it with an answer.
+        """Copy of the fit `within` tolerances with its `followed` and `explained`, by comparison with an answer.
 
-        That is at the free variables `theta` (n_params,) of the parameters `names`. Where the search for `followed` cannot be
-        made, that is on the straight line from the answer to the fit.
+        The answer is at the free variables `theta` (n_params,) of the parameters `names`. `followed` are the free
+        variables that fit best with the fixed values at their likely values, `explained` the part of the answer's
+        misfit beyond noise that `within` removes. If the search for `followed` fails, it is on the straight line from
+        the answer to the fit.
         """
         data = self.problem.residual(self._all_free_variables(names, theta))[: self.problem.n_data]
         explained = explained_part(float(data @ data), within.chi_square, within.expected_chi_square)
@@ -123,8 +126,9 @@ class FixedValues:
     ) -> FixedColumns:
         """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
 
-        Taken at the free variables `theta` (n_params,) of the parameters `names`, fixed values as in the model. `within`
-        is a fit with fixed values free within their tolerances, if one was made; it is stored with its `followed` fitted.
+        Taken at the free variables `theta` (n_params,) of the parameters `names`, fixed values as in the model.
+        `within` is a fit with fixed values free within their tolerances, if one was made; it is stored with its
+        `followed` filled in.
         """
         within = None if within is None else self.followed(within, names, theta)
         whole, index = self._all_free_variables(names, theta), self._index(self.names)

@@ -138,7 +138,10 @@ def stored_minimum(minimum: Minimum) -> StoredValues:
 
 
 def restored_minimum(problem: Problem, method: Method, stored: StoredValues) -> Minimum:
-    """Minimum restored from the arrays `stored` by `stored_minimum`, linearized anew."""
+    """Minimum restored from the arrays `stored` by `stored_minimum`, with the linearization made anew by `method`.
+
+    It has the keys theta, history, costs, inner, converged, message and stages.
+    """
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
     linearization = method.at(problem, theta).at
