@@ -96,10 +96,10 @@ class Blocks:
         return row[keep], column[keep], element[keep], self.local[keep]
 
     def stored(self, chosen: slice | IntArray) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
-        """Row and column (n_entries,) of the non-zero entries of the elements `chosen`, and their mask, shaped as `local`.
+        """Row and column (n_entries,) of the non-zero entries of the elements `chosen`, and their mask.
 
-        Entries at held degrees of freedom are left out. Indices are as narrow as they can be, for models whose entries are
-        many.
+        The mask has the shape of `local[chosen]`. Entries at constrained degrees of freedom are left out. Row and
+        column indices have the narrowest integer type that holds them, for models whose entries are many.
         """
         dofs: IntArray = self.dofs[chosen].astype(index_kind(self.n_dofs))
         is_stored, free = self.local[chosen] != 0, dofs >= 0

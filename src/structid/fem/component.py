@@ -265,7 +265,11 @@ def _reduce_component(
 
 
 def _interface_codes(component: Component, codes: IntArray, equations: DofEquations) -> IntArray:
-    """Codes (n,) of a component that its `interface` names, and those that they follow through ties; a subset of `codes`."""
+    """Codes (n,) of a component that its `interface` names, and those that they follow through ties.
+
+    `codes` are those of the component, sorted; the result is a subset. Raises `InputError` if a degree of freedom of
+    `interface`, and all that it follows, are not among them.
+    """
     parts = [np.zeros(0, dtype=np.int64)]
     for dof in component.interface:
         code = dof_code(dof.node, dof.direction)

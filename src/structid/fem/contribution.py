@@ -113,7 +113,7 @@ class ShearFactor(Factor):
     def slope(self, values: FloatArray, number: int) -> FloatArray:
         """Derivative of the factor of each element by its bending (`number` 0) or shear stiffness (1), (n_elements,).
 
-        `values` (n_values,) are all property values of the structure; see `Factor.slope`.
+        `values` (n_values,) are all property values of the structure.
         """
         bending, shear = values[self.bending], values[self.shear]
         total = shear + self.ratio * bending
@@ -230,7 +230,11 @@ class Contribution:
         return (self.value, *factor, *(() if self.scale is None else self.scale.value_indices))
 
     def weights(self, values: FloatArray) -> FloatArray:
-        """Weight of each element matrix at the property `values`, (n_elements,)."""
+        """Weight of each element matrix at the property values (n_values,) of the structure, (n_elements,).
+
+        It is the element's own value, times the loss factor if there is one, times `scale` (length, shear, thickness)
+        if there is one.
+        """
         weights = values[self.value]
         if self.factor is not None:
             weights = weights * values[self.factor]

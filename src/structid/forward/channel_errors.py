@@ -98,11 +98,15 @@ class ChannelErrors(NamedUnknowns):
         return np.array([i for i, parameter_kind in enumerate(self.kinds) if parameter_kind == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Complex factors from true to read values: of sensors (n_frequencies, n_outputs) and of load cells (..., n_inputs).
+        """Complex factors from true to read values: of sensors (n_frequencies, n_outputs), and of load cells.
+
+        The latter are (n_frequencies, n_inputs). A factor is the product of a channel's gains and polarities (+1 or -1)
+        times exp(-s delay); 1 without errors.
 
         Parameters
         ----------
         physical : (n_params,) float array
+            Gains, delays (s) and decays of windows, in the order of `names`.
         laplace : (n_frequencies,) complex array
             s, 1/s.
         """
@@ -160,13 +164,13 @@ class ChannelErrors(NamedUnknowns):
     def decided(self, measured: ComplexArray, predicted: ComplexArray) -> ChannelErrors:
         """Copy of these errors with the polarities by which model and measurement agree best in phase.
 
-        Each line of each FRF has one vote, so that resonances do not outweigh the rest; one polarity is decided after
-        another until none changes.
+        Each line of each FRF has one vote, the cosine of the phase difference, so that resonances do not outweigh the
+        rest. One polarity after another is set to the sign of its FRFs' votes, +1 for a sum of 0, until none changes.
 
         Parameters
         ----------
         measured, predicted : (n_frequencies, n_outputs, n_inputs) complex arrays
-            The record, and the model with the present polarities.
+            FRFs of the record, and those of the model with the present polarities.
         """
         size = np.maximum(np.abs(measured) * np.abs(predicted), np.finfo(float).tiny)
         every = self.polarity_members
@@ -260,7 +264,16 @@ def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
 
 
 def channel_errors(record: ChannelsOfRecord, unknowns: Iterable[ChannelUnknown]) -> ChannelErrors:
-    """The named channel errors that `unknowns` declare on the channels of FRFs or of finite spectra.
+    """Channel errors of a record that `unknowns` declare, as named parameters with starts, bounds and priors.
+
+    Gains, delays and decays of windows are the parameters, in the order of the declarations. Polarities are kept apart,
+    start at +1 and are decided by `ChannelErrors.decided`.
+
+    Parameters
+    ----------
+    record : FrfRecord or finite spectra
+        Gives channels and frequencies; its values do not matter.
+    unknowns : iterable of ChannelUnknown
 
     Raises
     ------
@@ -309,9 +322,11 @@ def channel_errors(record: ChannelsOfRecord, unknowns: Iterable[ChannelUnknown])
 
 
 def _parameters_of(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_Group]:
-    """Parameters that the declaration `unknown` makes on the channels of `record`: one for each channel, or one for all.
+    """Parameters that the declaration `unknown` makes on channels of `record`: one for each channel, or one for all.
 
-    Raises `InputError` if the property is unknown, no channel is named, or an option does not fit the property.
+    A polarity, or a declaration with `each`, has one for each output, then for each input. Labels are the channels, or
+    the declaration's `name`. Raises `InputError` if the property is unknown, no channel is named, or an option does not
+    fit it.
     """
     if unknown.property not in (*_CONTINUOUS, "polarity"):
         known = ", ".join((*_CONTINUOUS, "polarity"))
@@ -339,9 +354,10 @@ def _parameters_of(record: ChannelsOfRecord, unknown: ChannelUnknown) -> list[_G
 
 
 def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
-    """Indices in `channels` of the degrees of freedom `given`, in either direction; all for "all".
+    """Indices in `channels` of the degrees of freedom `given`, in either direction, each once; all for "all".
 
-    `key` names the option in errors. Raises `InputError` if a channel is missing, or is read by several channels.
+    They are in the order of `given`; `key` names the option in errors. Raises `InputError` if a channel is missing, or
+    if several channels read the same degree of freedom.
     """
     texts = (given,) if isinstance(given, str) else tuple(given)
     if texts == (_ALL,):
@@ -366,7 +382,10 @@ def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, 
 
 
 def _require_distinct(groups: list[_Group]) -> None:
-    """Raise `InputError` if two groups have the same name, or the same property of the same channel."""
+    """Raise `InputError` if two parameters have the same name, or are the same property of the same channel.
+
+    A parameter of no channel, the decay of a window, counts as one of a channel of its own.
+    """
     names: set[str] = set()
     owner: dict[tuple[str, str, int], str] = {}
     for group in groups:
@@ -399,9 +418,10 @@ def _limits(group: _Group) -> tuple[float, float]:
 
 
 def _require_ranges(groups: list[_Group], errors: ChannelErrors) -> None:
-    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds.
+    """Raise `InputError` if a start does not lie inside its bounds, or a prior is unsound or does not fit the bounds.
 
-    `groups` and the parameters of `errors` are in the same order.
+    A log-normal prior does not fit a negative lower bound. `groups` and the parameters of `errors` are in the same
+    order.
     """
     rows = zip(groups, errors.names, errors.start, errors.transforms.lower, errors.transforms.upper, strict=True)
     for group, name, value, low, high in rows:

@@ -68,7 +68,8 @@ class ParameterForces:
     def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
         """Nonzero entries of the forces (dZ/dp) x for fields `x` (n_dofs, n_x) at one frequency line, (n_forces, n_x).
 
-        `factors` (n_maps,) are the coefficients of the matrices in Z at that line. Rows are in the order of `indices`.
+        Z is the dynamic stiffness; `factors` (n_maps,) are the coefficients of `maps` in it at that line. Rows are the
+        forces of one parameter after another, at the degrees of freedom `indices`.
         """
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
@@ -104,14 +105,16 @@ class ParameterForces:
         return sparse.csr_array((np.zeros(len(self.indices)), self.indices, self.indptr), (self.n_params, self.n_dofs))
 
     def projected(self, factors: ComplexArray, vectors: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
-        """Products y' V' (dZ/dp) V x without conjugate for a reduced basis V at every line, (n_lines, n_y, n_x, n_params).
+        """Products y' V' (dZ/dp) V x without conjugate for a reduced basis V, (n_lines, n_y, n_x, n_params).
 
         Parameters
         ----------
         factors : (n_lines, n_maps) complex array
             Coefficient of each map in the dynamic stiffness Z.
         vectors : (n_dofs, n_vectors) float array
+            The basis V.
         x, y : (n_lines, n_vectors, n_x) and (n_lines, n_vectors, n_y) complex arrays
+            Coordinates of the fields in the basis.
         """
         found = np.zeros((len(x), y.shape[2], x.shape[2], self.n_params), dtype=np.complex128)
         adjoint = np.swapaxes(y, 1, 2)
@@ -125,9 +128,11 @@ class ParameterForces:
 
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:
-    """Operator from fields x to the forces (dZ/dp) x of all parameters.
+    """Operator from fields x to the forces (dZ/dp) x of all parameters, Z the dynamic stiffness.
 
     `parts` are element matrices whose weights depend on the `n_params` parameters; `n_dofs` is the size of a field.
+    Rows are the forces that can be nonzero, parameter after parameter; there is a sparse map for each kind (0, 1, ...)
+    of the parts.
     """
     keys = [key for part in parts for key in _force_keys(part, n_dofs)]
     pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
@@ -146,9 +151,9 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 
 
 def _weight_derivatives(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Yield element index, parameter index and derivative, (n_pairs,) each, of element weights that depend on parameters.
+    """Yield element index, parameter index and derivative, (n_pairs,) each, of weights that depend on parameters.
 
-    Each part fits into memory.
+    They come in chunks of at most `_CHUNK_ENTRIES` entries of element matrices, at least one pair.
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
@@ -174,10 +179,10 @@ def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
 def _force_maps(
     part: WeightedElements, pattern: IntArray, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Sparse entries (row, column, value) of the map from fields to forces, in parts that fit into memory.
+    """Yield sparse entries (row, column, value) of the map from fields to forces (dZ/dp) x, in chunks of limited size.
 
-    Rows are positions among the sorted keys `pattern` (parameter index times n_dofs plus degree of freedom). Entries may repeat
-    and add up.
+    Rows are indices in the sorted keys `pattern` (parameter index times n_dofs plus degree of freedom), columns are
+    degrees of freedom. Entries may repeat and add up.
     """
     if not isinstance(part.blocks, Blocks):
         key, column, value = _matrix_entries(part, n_dofs)
@@ -251,7 +256,8 @@ class DenseForces:
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
         """Nonzero entries of the forces (dZ/dp) x for fields `x` (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x).
 
-        `coefficients` (n_lines, n_matrices) are those of the matrices in Z.
+        Z is the dynamic stiffness, with `coefficients` (n_lines, n_matrices) of its matrices. Force k acts on the
+        degree of freedom `dofs[k]` and belongs to the parameter `parameters[k]`.
         """
         n_lines, n_dofs, n_x = x.shape
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
@@ -298,7 +304,7 @@ class DenseSlopes:
         return LastResults(1)
 
     def _filled(self, values: FloatArray) -> DenseForces:
-        """`forces` with its maps at the property `values` (n_values,)."""
+        """Operator of the forces (dZ/dp) x with its dense matrices computed at the property values (n_values,)."""
         slopes: list[FloatArray] = [np.zeros(0)]
         for member, used in self.slots:
             slopes += [self.structure.contributions[member].slope(values, k) for k in used]
@@ -386,9 +392,9 @@ def _derivative_entries(
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
     """Yield entries of the derivatives of matrices by parameters: key, column, index of the element weight, and value.
 
-    A part holds one parameter of each weight. The key is parameter index times n_dofs plus row. `entries` are row,
-    column, weight index and value of the element matrices; `design` (n_weights, n_params) is the derivative of the
-    weights. Every array is (n_entries,).
+    The k-th tuple of arrays has the k-th parameter of every weight, as far as a weight has that many. The key is
+    parameter index times n_dofs plus row. `entries` are row, column, weight index and value of the element matrices;
+    `design` (n_weights, n_params) is the derivative of the weights. Every array is (n_entries,).
     """
     row, column, element, value = entries
     counts = np.diff(design.indptr)

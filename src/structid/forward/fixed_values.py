@@ -24,18 +24,20 @@ def with_fixed_values(
 ) -> RecordProblem:
     """Problem with a factor on every fixed model value as a further unknown, 1 within its tolerance.
 
-    Names are such as ``fixed mass[deck]``, and ``fixed calibration[record 1]`` for the common gain of a record. The logarithm
-    of a factor has a Gaussian prior with the tolerance as standard deviation. If the structure has no matrices only the gain is
-    added; no gain is added for a tolerance of 0 or without measured responses.
+    Names are such as ``fixed mass[deck]``, and ``fixed calibration[record 1]`` for the common gain of a record. The
+    logarithm of a factor has a Gaussian prior with the tolerance as standard deviation. If the structure has no
+    matrices only the gain is added; no gain is added for a tolerance of 0 or without measured responses.
 
     Parameters
     ----------
     problem : RecordProblem
+        Left as it is.
     tolerances : Tolerances
+        Relative standard deviation of the fixed values, by property.
     calibration : float, optional
-        Standard deviation of the common gain of this record; that of `tolerances` by default.
+        Relative standard deviation of the common gain of this record; that of `tolerances` by default.
     record : str
-        What the record is called.
+        Name of the record in the name of the gain.
     """
     if problem.structure.has_matrices:
         fixed = fixed_properties(problem.structure, problem.parameters, tolerances)

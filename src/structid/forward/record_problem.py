@@ -57,7 +57,11 @@ def linearization_with_priors(
 
 
 def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-    """Residual (n_priors,) of all priors at the free variables `theta` (n_params,), and its derivative by these, sparse."""
+    """Residual (n_priors,) of all priors at the free variables `theta` (n_params,), and its sparse derivative.
+
+    Rows are priors of parameters, then those of free variables; the derivative (n_priors, n_params) is by the free
+    variables.
+    """
     residual, rows = unknowns.sparse_prior_rows(unknowns.physical(theta))
     members, free_residual, weights = free_prior_rows(unknowns.free_prior, theta)
     free_rows = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
@@ -68,7 +72,7 @@ def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[Float
 def complex_rows(n_lines: int, names: Sequence[str], averages: FloatArray | None = None) -> DataRows:
     """Labels of data rows for complex values: real parts of all lines and channels first, then imaginary parts.
 
-    In each part lines vary slowest. Every channel of `names` has two series, 2 k (real) and 2 k + 1 (imaginary).
+    In each part lines vary slowest. Channel k (from 0) of `names` has two series, 2 k (real) and 2 k + 1 (imaginary).
     `averages` (n_data,) are the numbers of averages behind the variances, None if these are known.
     """
     index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
@@ -197,7 +201,10 @@ class RecordProblem(Problem):
         return (self.parameters,) if self.channels is None else (self.parameters, self.channels)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> Self:
-        """Copy of the problem with other unknowns `parts`, such as other starts or priors."""
+        """Copy of the problem with other unknowns, such as other starts or priors.
+
+        `parts` are the parameters of the structure and, if the problem has channel errors, these second.
+        """
         changed: dict[str, object] = {"parameters": parts[0]}
         if len(parts) > 1:
             changed["channels"] = parts[1]

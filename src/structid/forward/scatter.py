@@ -73,7 +73,10 @@ class ScatterProblem(Problem):
 
 
 def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """Problems that tie parameters of several records to their common value, one for each scatter by name."""
+    """Problems that tie parameters of several records to their common value, one for each scatter by name.
+
+    A scatter without parameters of single records has none; the order is that of first appearance in `problems`.
+    """
     members: dict[str, list[RecordProblem]] = {}
     for problem in problems:
         for scatter in problem.parameters.scatters:
@@ -85,7 +88,8 @@ def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem,
 def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterProblem:
     """Problem that ties each record's own parameters in the scatter `name` to the common ones, in logarithms.
 
-    `problems` are all that have this scatter; unknowns are the common parameters, then those of each record.
+    A data row is log(own) - log(common) over the standard deviation of the scatter. `problems` are all that have this
+    scatter; unknowns are the common parameters, then those of each record, without priors.
     """
     scatters = [next(s for s in p.parameters.scatters if s.name == name) for p in problems]
     where: dict[str, tuple[NamedUnknowns, int]] = {}

@@ -24,9 +24,10 @@ _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fi
 
 
 def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` if a value that enters matrices non-linearly is a parameter or not nominal.
+    """Raise `InputError` if a value that enters matrices non-linearly is a parameter or differs from the structure's.
 
-    These are a thickness, a node coordinate, bending and shear stiffness of a shear-flexible beam, and modal damping.
+    Such values are a thickness, a node coordinate, and bending and shear stiffness of a shear-flexible beam. Modal
+    damping of the structure (`damping_ratio`) is refused too.
     """
     if structure.damping_ratio is not None:
         raise InputError(
@@ -53,7 +54,10 @@ def nonlinear_values(structure: Structure) -> np.ndarray:
 
 
 def require_matrices_in_time(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` if the structure has friction or loss factors, which have no linear equation in time."""
+    """Raise `InputError` if the structure has friction or loss factors, which have no linear equation in time.
+
+    Values of 0 that are no parameter count as absent.
+    """
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.matrix_kind.startswith("friction:") and touched[part.value].any():
@@ -78,9 +82,10 @@ class SensitiveElements:
 
 
 def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
-    """Families of element matrices whose weights depend on parameters, without those that do not.
+    """Families of element matrices whose weights depend on parameters, without elements that do not.
 
-    Contributions with the same element matrices are one family.
+    Contributions with the same element matrices are one family, which names those contributions that depend on
+    parameters.
     """
     touched = np.diff(unknown.design.tocsr().indptr) > 0
     families: dict[int, list[int]] = {}

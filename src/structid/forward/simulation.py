@@ -81,16 +81,22 @@ def simulated_time_record(
     like : TimeRecord
         Gives samples, channels, forces and, for noise, the variance of each channel.
     options : TimeOptions, optional
-        What the force does between samples, and until when there was rest.
+        Hold of the force between samples, and state before the first sample.
     rng : numpy Generator, optional
         Adds noise of the variance of `like` to all channels, forces included; no noise by default.
     initial : (2 n_dofs,) array, optional
         Displacement and then velocity at the first sample; rest by default.
 
+    Returns
+    -------
+    TimeRecord
+        `like` with the simulated readings in its motion channels, in their units.
+
     Raises
     ------
     InputError
-        As `identify_time`, and if noise is asked for without a variance.
+        If the model has no time-domain equation or more than 200 free degrees of freedom, force or start do not suit
+        it, or noise is asked for without a variance.
     """
     _require_parts(structure, unknown)
     require_class("like", like, TimeRecord, "make it by `TimeRecord`, with its forces and any motion")

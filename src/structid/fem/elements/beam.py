@@ -196,9 +196,10 @@ class BendingPlane:
         return integrals
 
     def _matrix_term(self, local: FloatArray, power: int = 0) -> ElementMatrixTerm:
-        """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio s.
+        """An element matrix term from local matrices (n_elements, 4, 4) on (w1 theta1 w2 theta2) of the plane.
 
-        They are turned to the coordinates `codes`, and multiplied by the nominal s^power.
+        They are turned to the coordinates `codes`. With a `power` of the shear ratio s and a shear stiffness, they are
+        multiplied by the nominal s^power and change with s^power.
         """
         name, values = self.shear
         if power == 0 or values is None:

@@ -40,7 +40,10 @@ def cell_table(cells: Mapping[int, str]) -> Store:
     """
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
-        """The table of `nodes` of the set `name`, checked, (n_cells, most nodes)."""
+        """Table of the node labels `nodes` of the set `name`, (n_cells, most nodes); -1 where a row has ended.
+
+        Raises `InputError` unless they are whole numbers and each row has a number of nodes that `cells` allows.
+        """
         table = np.atleast_2d(np.asarray(nodes))
         if table.ndim != 2 or table.size == 0 or not np.issubdtype(table.dtype, np.integer):
             raise InputError(f"`nodes` of {name!r} must be a table of whole numbers, got shape {table.shape}")

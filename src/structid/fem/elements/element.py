@@ -355,7 +355,10 @@ class ElementSet:
         self._require_properties_of_tolerance()
 
     def _require_properties_of_tolerance(self) -> None:
-        """Raise `InputError` if `tolerance` names something that is no property of the type, nor `length` of bars or beams."""
+        """Raise `InputError` if `tolerance` names something that is no property of the type, nor `length` of a line.
+
+        A type without properties takes any name, and a tolerance that is one number names none.
+        """
         properties = [name for name, what in declarations(self).items() if what.kind is not None]
         named = self.tolerance if isinstance(self.tolerance, Mapping) else {}
         properties += [LENGTH] if self.is_line else []
@@ -481,7 +484,10 @@ def node_table(columns: int) -> Store:
     """
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
-        """The table of `nodes` of the set `name`, checked, (n_elements, columns)."""
+        """Table of the node labels `nodes` of the set `name`, (n_elements, columns).
+
+        Raises `InputError` unless there are `columns` whole numbers an element.
+        """
         table = np.atleast_2d(np.asarray(nodes))
         if columns == 1 and table.shape[0] == 1 and table.shape[1] != 1:
             table = table.T

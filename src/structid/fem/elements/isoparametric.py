@@ -91,7 +91,7 @@ def _monomial_slopes(points: FloatArray, exponents: IntArray, axis: int) -> Floa
 def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
     """Gauss points (n_points, d) and weights (n_points,) on the reference line, square or cube from -1 to 1.
 
-    `orders` are the numbers of points along each axis.
+    `orders` are the numbers of points along each axis; points vary fastest along the last axis.
     """
     rules = [np.polynomial.legendre.leggauss(n) for n in orders]
     points = np.stack(np.meshgrid(*[x for x, _ in rules], indexing="ij"), axis=-1).reshape(-1, len(orders))
@@ -124,9 +124,10 @@ def _pyramid(order: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _wedge_rule(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
-    """Points (n_points, 3) and weights of the reference wedge: a triangle rule times Gauss points along its axis.
+    """Points (n_points, 3) and weights (n_points,) of the reference wedge: a triangle rule times Gauss points.
 
-    `order` is that of the triangle rule, `along_axis` the number of Gauss points.
+    `order` is that of the triangle rule, `along_axis` the number of Gauss points from -1 to 1 along the axis, which
+    vary slowest.
     """
     flat, weights = triangle_rule(order)
     along, others = np.polynomial.legendre.leggauss(along_axis)
@@ -151,7 +152,10 @@ def _serendipity(dimension: int) -> list[tuple[int, ...]]:
 
 
 def _make_cells() -> dict[str, CellShape]:
-    """The shape of each cell type by name: nodes, exponents, quadrature of stiffness and of mass."""
+    """The shape of each cell type by name: reference nodes, exponents of its polynomials, rules of integration.
+
+    There are two rules, one for stiffness and a finer or equal one for mass.
+    """
     bilinear, trilinear = list(np.ndindex(2, 2)), list(np.ndindex(2, 2, 2))
     prism = [(*a, b) for a in _up_to(1, 2) for b in (0, 1)]
     prism15 = [*((*a, b) for a in _up_to(2, 2) for b in (0, 1)), *((*a, 2) for a in _up_to(1, 2))]
@@ -228,10 +232,11 @@ def gradients(
 
 
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
-    """Raise `InputError` if a cell has no volume (area), is turned inside out or folded.
+    """Raise `InputError` if a cell has no volume (area), is turned inside out (negative mean) or folded.
 
-    `nodes` (n_cells, n_nodes) are labels, `positions` (n_cells, n_nodes, d) are in m, `determinant` (n_points, n_cells) is that
-    of the Jacobian; `name` is that of the set.
+    Thresholds are `_FLAT` of the cell's span to the power d, and of its mean determinant. `nodes` (n_cells, n_nodes)
+    are labels, `positions` (n_cells, n_nodes, d) are in m, `determinant` (n_points, n_cells) is that of the Jacobian;
+    `name` is that of the set.
     """
     size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
     word = "area" if positions.shape[2] == 2 else "volume"

@@ -203,11 +203,12 @@ def _rotation_map(corners: FloatArray) -> FloatArray:
 
 
 def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
-    """Mass matrices of plates for unit mass per area, (n_cells, 3 n_corners, 3 n_corners), on (w, theta_x, theta_y) of corners.
+    """Mass matrices of plates for unit mass per area, (n_cells, 3 n_corners, 3 n_corners), integrated exactly.
 
-    Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
-    Melosh (1963) on the reference square. Both hold every rigid motion exactly. Arguments are those of
-    `bending_stiffness`.
+    Rows are (w, theta_x, theta_y) corner by corner. Triangles take the nine functions of Bazeley, Cheung, Irons and
+    Zienkiewicz (1965), quadrilaterals the twelve of Melosh (1963) on the reference square. Both hold every rigid motion
+    exactly. `corners` (n_cells, n_corners, 2) are positions in m, `cell` is "triangle" or "quad"; `name` and `nodes`
+    (labels) are for messages.
     """
     shape = CELLS[cell]
     corner_slopes = np.einsum("qdk,ekc->eqdc", shape.slopes(shape.corners), corners)

@@ -181,7 +181,9 @@ class Shell(ThinSet):
     def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from the motion of the element in `row` to in-plane strains, and to strains per height, at its centre.
 
-        Both are (3, 6 n_corners), 1 and 1/m, as in `ThinSet.centre_strains`; `positions` of nodes in m.
+        Both are (3, 6 n_corners), 1 and 1/m: strains are xx, yy and engineering xy on axes in the element's plane with
+        x near global X (Y where the normal runs along X), motions the six global ones corner by corner. `positions` of
+        nodes in m.
         """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))

@@ -124,9 +124,9 @@ def _require_whole(path: Path, labels: FloatArray) -> None:
 
 
 def _matrix_of_coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
-    """The matrix `name` without numbering, from rows (row, column, value) of `table`, counted from 1; a missing triangle is added.
+    """The matrix `name` without numbering, from rows (row, column, value) of `table`, counted from 1.
 
-    Raises `FileError` if a row or column is below 1.
+    A missing triangle is added. Raises `FileError` if a row or column is below 1.
     """
     row, column = table[:, 0].astype(np.int64) - 1, table[:, 1].astype(np.int64) - 1
     if min(row.min(), column.min()) < 0:
@@ -148,7 +148,7 @@ def _labels(name: str, table: FloatArray) -> ImportedMatrix:
 def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
     """The matrix without rows whose diagonal of 1e30 or more marks a constrained degree of freedom.
 
-    Node and component of these rows are kept in `constrained`.
+    Node and component of these rows are stored in `constrained`; the same object is returned if there is none.
     """
     assert item.dofs is not None
     constrained = item.matrix.diagonal() >= _HELD
@@ -192,8 +192,10 @@ def file_text(path: Path, item: ImportedMatrix, form: Form = "labels") -> str:
 
     Raises
     ------
+    InputError
+        If `form` is none of these.
     FileError
-        If it has no numbering or elements, where the form needs them, or is complex or rectangular.
+        If the matrix has no numbering or elements, where the form needs them, or is complex or rectangular.
     """
     if form not in ("labels", "coordinate", "elements"):
         raise InputError(f"`form` must be 'labels', 'coordinate' or 'elements', got {form!r}")

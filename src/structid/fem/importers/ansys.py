@@ -68,8 +68,8 @@ def _assembled_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
 def _element_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
     """Assembled matrices, with the entries of each element, from the `content` of a ``.emat`` file.
 
-    `content` has lower triangles by rows, or diagonals, with numbers of equations: (index of the node) n_dof + component,
-    both from 0.
+    `content` has lower triangles by rows, or diagonals, with numbers of equations: (index of the node) n_dof +
+    component, both from 0. Raises `ValueError` for another number of values.
     """
     parts: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
     nodes, labels, n_dof = content["nodes"], content["labels"].tolist(), content["n_dof"]

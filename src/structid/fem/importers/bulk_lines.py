@@ -210,9 +210,10 @@ def _widen_free_lines(
 
 
 def _widen_line(line: bytes, whole: bool) -> list[bytes]:
-    """A free-field line as lines with four fixed fields each, `_WIDE` characters wide.
+    """A free-field line as lines with four fixed fields each, `_WIDE` characters wide, and its comment removed.
 
-    Blank continuation lines are left out unless `whole`.
+    With `whole`, a line of eight fields always makes two lines, blank or not; else blank continuation lines are left
+    out. Fields beyond the eighth (the fourth of a large-field line) make further continuation lines.
     """
     fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
     is_large = b"*" in fields[0]
@@ -250,7 +251,8 @@ def _select_cards(
 ) -> BulkLines:
     """The lines of the cards called `names`, with the index of the line at which the card of each begins.
 
-    `start` and `end` are the first and last byte (exclusive) of each line in `buffer`, `number` its line number.
+    `start` and `end` are the first and last byte (exclusive) of each line in `buffer`, `number` its line number,
+    `origins` the file of each line if there are several. Raises `FileError` if a continuation line is out of order.
     """
     head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
     blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)

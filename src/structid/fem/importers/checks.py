@@ -84,7 +84,8 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
 def require_total_mass(total: float, declared: float, left_aside: str = "") -> None:
     """Raise `InputError` if the mass `total` in the matrices differs from the `declared` one by more than a tenth.
 
-    The message names the factor between them and its likely cause, such as a wrong unit.
+    The message names the factor between them and its likely cause, such as a wrong unit. A `declared` mass or `total`
+    that is not greater than 0 raises too.
 
     Parameters
     ----------

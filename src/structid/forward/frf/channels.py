@@ -66,7 +66,11 @@ def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:
-    """`Channels` of `loads`, `sensors` and contacts `slides`, (n_dofs, n) each; columns that agree up to sign are merged."""
+    """Columns of `loads`, `sensors` and friction contacts `slides`, (n_dofs, n) each; equal ones are merged.
+
+    Columns that agree up to sign count as equal. The result has the distinct columns and, for each load and for each
+    sensor and then contact, its column and its sign.
+    """
     columns, places = _distinct(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     index, sign = np.array([p for p, _ in places], dtype=np.int64), np.array([s for _, s in places])
     n = loads.shape[1]
@@ -74,7 +78,10 @@ def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.
 
 
 def _distinct(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
-    """Columns without repetitions up to sign, and for each column of `columns` its index among them and its sign."""
+    """Columns without repetitions up to sign, and for each column of `columns` its index among them and its sign.
+
+    The sign is that of the first nonzero entry, which the distinct columns have positive; +1 for an empty column.
+    """
     kept: dict[tuple[bytes, bytes], int] = {}
     first, places = [], []
     for j in range(columns.shape[1]):

@@ -39,10 +39,11 @@ class ErrorsOfEntry:
 
 
 def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-    """Errors of all receptance entries with stated variance of the measured components, at parameters `physical` (n_params,).
+    """Yield errors of all receptance entries with stated variance of the measured components.
 
-    An entry and its reciprocal count as one. The change of the response is g' dY q with g and q the interface forces under a
-    unit force at a sensor and under the load. Nothing without measured components of stated variance.
+    An entry and its reciprocal count as one. The change of the response is g' dY q with g and q the interface forces
+    under a unit force at a sensor and under the load, at parameters `physical` (n_params,). Nothing comes without
+    measured components of stated variance.
     """
     solver, structure = model.solver, model.slopes.structure
     if not isinstance(solver, SubstructureCoupling) or all(
@@ -133,7 +134,8 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
 def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
     """Change of the whitened data by one standard deviation of each component error, (n_errors, n_data).
 
-    None if the matrix would exceed 2e7 entries.
+    Data are real parts, then imaginary parts; `errors` must have an entry. None if n_data (n_data + n_errors) exceeds
+    2e7.
     """
     changes: list[FloatArray] = []
     for entry, rows in _whitened_changes(errors, whitening):

@@ -25,9 +25,9 @@ _NOISY = 0.2
 
 
 def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
-    """Expected error (n_params,) of each free variable at the start, from `start_error` relative to the size of a parameter.
+    """Expected error (n_params,) of each free variable at the start, for parameters off by `start_error` of their size.
 
-    At least 1 relative for damping; infinite for a parameter with a prior.
+    Dampings are taken as wrong by 1 of their size at least. Infinite for a parameter with a prior.
     """
     expected = np.where(np.isin(unknowns.kinds, DAMPING), max(start_error, _DAMPING_ERROR), start_error)
     slope = unknowns.transforms.slope(unknowns.theta_start)
@@ -74,9 +74,10 @@ def is_noisy(record: FrfRecord) -> bool:
 
 
 def thinned_lines(omega: FloatArray) -> IntArray:
-    """Indices of at most about `_THINNED_LINES` lines, evenly spread in the logarithm; all if no more lie above 0 Hz.
+    """Indices of at most about 2000 lines, evenly spread in the logarithm; all if no more than 2000 lie above 0 Hz.
 
-    `omega` (n_lines,) are ascending angular frequencies.
+    `omega` (n_lines,) are ascending angular frequencies. The first line of each of many equal logarithmic intervals is
+    taken.
     """
     positive = omega[omega > 0]
     if len(positive) <= _THINNED_LINES:

@@ -39,8 +39,8 @@ def sliding_contacts(
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
     """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion.
 
-    `matrix_kinds` name the matrices of the model. Elements named in `measured`, whose sliding was measured, are left out.
-    Raises `InputError` if the record has several loads.
+    `matrix_kinds` name the matrices of the model. Elements named in `measured`, whose sliding was measured, are left
+    out. Raises `InputError` if there is such an element and the record has several loads.
     """
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:
@@ -82,9 +82,11 @@ class Sliding:
         return self._cache.get_or_make(physical.tobytes(), lambda: self._balanced(physical))
 
     def _balanced(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
-        """Coefficients (n_lines, n_matrices) with balanced sliding amplitudes, and readings, at parameters `physical` (n_params,).
+        """Coefficients (n_lines, n_matrices) with balanced sliding amplitudes, and readings of sensors, then contacts.
 
-        Readings of sensors and contacts are (n_lines, n_outputs + n_contacts, 1); None where they would lose digits.
+        Coefficients are those of the matrices in the dynamic stiffness, i / amplitude for friction. Readings are
+        (n_lines, n_outputs + n_contacts, 1); None where friction makes them more than 1000 times smaller at any line.
+        `physical` (n_params,) are the parameters.
         """
         free, reach = self._frictionless_readings(physical)
         n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
@@ -125,9 +127,10 @@ class Sliding:
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
     def _frictionless_readings(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Frictionless readings of sensors and contacts, under the load and under unit forces at the contacts.
+        """Frictionless readings of sensors and then contacts, under the load and under unit forces at the contacts.
 
-        Shapes (n_lines, n_outputs + n_contacts, 1) and (..., n_contacts). `physical` (n_params,) are the parameters.
+        Shapes (n_lines, n_outputs + n_contacts, 1) and (n_lines, n_outputs + n_contacts, n_contacts). `physical`
+        (n_params,) are the parameters.
         """
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
@@ -173,7 +176,8 @@ def _newton_step(
     """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
 
     `flexibility` (n_frequencies, n_contacts, n_contacts) is the slip under unit contact forces, `free` (n_frequencies,
-    n_contacts) that without friction, `force` (n_contacts,) the equivalent force at full slip, `floor` the least amplitude.
+    n_contacts) that without friction, `force` (n_contacts,) the friction force per unit drive, `floor` the least
+    amplitude, at which a contact that sticks stays. `size` and `floor` are (n_frequencies, n_contacts).
     """
     n_contacts = len(force)
     pull = 1j * force / size
@@ -193,6 +197,8 @@ def _newton_step(
 def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
     """Readings with friction from those without, in the shape of `free`; None where the difference would lose digits.
 
+    It does where friction makes the readings of a line more than 1000 times smaller.
+
     Parameters
     ----------
     free : (n_frequencies, n_outputs + n_contacts, n_inputs) complex array
@@ -200,8 +206,8 @@ def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray
     reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
         Readings under unit forces at the contacts.
     factors : (n_frequencies, n_contacts) complex array
-        Force on the structure per sliding motion of each contact, against that motion: i r / s with r the friction force per
-        unit drive and s the sliding amplitude.
+        Force on the structure per sliding motion of each contact, against that motion: i r / s with r the friction
+        force per unit drive and s the sliding amplitude.
     """
     n_contacts = factors.shape[1]
     system = np.eye(n_contacts) + factors[:, :, None] * reach[:, -n_contacts:]

@@ -135,7 +135,10 @@ class LeakedFrf:
         return self._weighted_sums(values), self._weighted_sums(derivative)
 
     def _weighted_sums(self, parts: ComplexArray) -> ComplexArray:
-        """Weighted sums over the shifted lines of each line, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...)."""
+        """Weighted sums over the shifted lines of each line, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...).
+
+        The weights `PARTS` are those of a fit of exponentials to the correlation of a Hann window.
+        """
         flat = parts.reshape(len(parts), -1)
         sums = np.zeros((len(self.line_indices), flat.shape[1]), dtype=np.complex128)
         for weight, indices in zip(PARTS, self.line_indices.T, strict=True):

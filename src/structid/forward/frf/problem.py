@@ -155,9 +155,10 @@ class FrfProblem(RecordProblem):
 
     @property
     def facts(self) -> RecordFacts:
-        """Facts of the record for diagnostics: line spacing and window bandwidth in Hz, noise in words, number of channels.
+        """Facts of the record for diagnostics: line spacing, window bandwidth (Hz), noise in words, number of channels.
 
-        The arrays have an entry for each line.
+        Spacing and bandwidth have an entry for each line: the distance to the line before (to the next for the first,
+        infinite for a single one), and the decay of the window over pi.
         """
         gaps, record = np.diff(self.frequency), self.record
         noise = _NOISE.get(record.noise_source, "the noise that the record has")
@@ -306,7 +307,10 @@ class FrfProblem(RecordProblem):
         return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+
+        Data rows are the real parts of all values, then the imaginary parts, lines slowest and inputs fastest.
+        """
         predicted, derivative = self._observed.derivatives(self.physical(theta))
         if self.form == "equation":
             data, change = _equation_rows(self, theta, predicted, derivative)
@@ -393,9 +397,10 @@ class FrfProblem(RecordProblem):
         return (far, tightened(far), *near) if far else near
 
     def continuation_paths(self) -> Sequence[ContinuationPath]:
-        """Sequences of stages to try from a poor start: `frequency_continuation` for up to 60 lines, then `schedules`.
+        """Sequences of stages to try from a poor start: `frequency_continuation` for 2 to 60 lines, then `schedules`.
 
-        Empty for FRFs of a solver, which are valid near the start only.
+        The first is a function that makes its stages from the problem when called. Empty for FRFs of a solver, which
+        are valid near the start only.
         """
         if not self.structure.has_matrices:
             return ()
@@ -461,8 +466,9 @@ def _equation_rows(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Residual (n_frequencies, n_outputs, n_inputs) of form ``equation``, and its derivative (..., n_params).
 
-    `h` are the FRFs of the model and `dh` their derivative (..., n_params). The weight, the inverse of the Cholesky
-    factor of Y' conj(Y), counts as constant. `theta` (n_params,) are the free variables.
+    `h` are the FRFs of the model and `dh` their derivative (..., n_params). The difference to the measured FRFs, as
+    receptance, is weighted by the inverse of the Cholesky factor of Y' conj(Y), which counts as constant; Y is the
+    motion of the model under unit forces at the sensors. `theta` (n_params,) are the free variables.
     """
     weight = problem.model.sensor_gram(problem.physical(theta))
     factor = np.linalg.cholesky(weight)

@@ -235,9 +235,11 @@ class WhitenedFrf:
     deviation: FloatArray
 
     def residual(self, h: ComplexArray) -> ComplexArray:
-        """Weighted complex residual of the FRFs `h` of a model against the data, of the shape of `h`.
+        """Weighted complex residual of the FRFs `h` of a model against the measured FRFs m, of the shape of `h`.
 
-        `h` is (..., n_frequencies, n_outputs, n_inputs).
+        With s the standard deviation it is (h - m) / s for form ``output``, log(h / m) |m| / s for ``log`` (as
+        ``output`` for values in the noise), and else (h - m) / sqrt((|h|^2 + |m|^2) / 2) |m| / s. `h` is (...,
+        n_frequencies, n_outputs, n_inputs).
         """
         m, s = self.measured, self.deviation
         if self.form == "output":

@@ -276,7 +276,8 @@ def _coupled(
 ) -> SubstructureCoupling:
     """Solver of a structure coupled to its measured components, with the driving supports `bases` released.
 
-    `solver` is that of the structure alone. Raises `InputError` if the record has a window decay and there are components.
+    The interface columns are those of the bases, then of the components. `solver` is that of the structure alone,
+    `sides` its loads and sensors. Raises `InputError` if the record has a window decay and there are components.
     """
     driven = _driven(structure, bases, record, sides)
     interface = structure.selection([dof for component in structure.measured for dof in component.interface])
@@ -293,7 +294,7 @@ def _coupled(
 
 
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
-    """Unit-motion columns (n_dofs, n_bases) of the released `bases`.
+    """Columns (n_dofs, n_bases) of unit motion of the first support of each released base.
 
     Raises `InputError` with friction contacts, or if a sensor reads one of the bases.
     """

@@ -133,9 +133,12 @@ class MeasuredModes:
 
     @cached_property
     def shape_std(self) -> FloatArray:
-        """Standard deviation of every entry of `shapes`, (n_channels, n_modes), whose scale is free; see `unscaled_shape_std`.
+        """Standard deviation of every entry of `shapes`, (n_channels, n_modes), for shapes whose scale is free.
 
-        In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
+        Recorded and assumed (`shape_error`) errors add in quadrature; where the record gives joint variations of its
+        values, those recorded count by their mean square over a mode. In the form ``mac`` it is `shape_error` times the
+        norm of the shape, so that a mode's part of the misfit is (1 - MAC) / `shape_error`^2. A mode with a single
+        known entry has 1 instead of 0.
         """
         if self.settings.shape_form == "mac":
             size = np.sqrt(np.nansum(self.shapes**2, axis=0))
@@ -160,7 +163,11 @@ class MeasuredModes:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Covariance of the frequencies (Hz) and then the damping ratios of modes that count, (2 n_measured, 2 n_measured)."""
+        """Covariance of frequencies (Hz) and then damping ratios of the modes that count, (2 n_measured, 2 n_measured).
+
+        That of the record, only its diagonal if the record gives joint variations of its values, plus the squares of
+        the errors that the settings state on the diagonal; unknown entries count as 0.
+        """
         count, rows = self.record.n_modes, self.measured
         rows = np.concatenate([rows, rows + count])
         recorded = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
@@ -172,7 +179,8 @@ class MeasuredModes:
     def groups(self) -> tuple[GroupData, ...]:
         """Measured modes in groups of close frequencies, lowest first; a mode that stands alone is a group too.
 
-        A mode without a known shape entry stands alone, and the grouping of the others ignores it.
+        Neighbours are close within `closeness` of the frequency, or within 1.96 standard deviations of their
+        difference. A mode without a known shape entry stands alone, and the grouping of the others ignores it.
         """
         frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
         shown = np.flatnonzero(has_shape)
@@ -216,10 +224,11 @@ class MeasuredModes:
 
     @cached_property
     def changes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Changes whose products sum to the covariance of frequencies (Hz), damping ratios and shapes; None if unknown.
+        """Joint variations of frequencies (Hz), damping ratios and shapes, whose products sum to the covariance.
 
-        Shapes (n_changes, n_measured) twice and (n_changes, n_channels, n_modes). None if the record does not say how its
-        numbers vary together, or in the form ``mac``. Values of unknown entries mean nothing.
+        Shapes (n_changes, n_measured) twice and (n_changes, n_channels, n_modes). Errors that the settings state are
+        added as further independent variations. None if the record has no variations, or in the form ``mac``. Values of
+        unknown entries mean nothing.
         """
         recorded = self.record.changes
         if recorded is None or self.settings.shape_form == "mac":
@@ -245,7 +254,12 @@ def _stated(modes: MeasuredModes) -> tuple[FloatArray, FloatArray]:
 
 
 def _require_sound(modes: MeasuredModes) -> None:
-    """Raise `InputError` if the measured modes cannot be fitted, for lack of values or errors."""
+    """Raise `InputError` if the measured modes cannot be fitted.
+
+    The reasons are: no mode above 0 Hz; no standard deviation of a frequency, shape or used damping ratio; form ``mac``
+    without shapes or `shape_error`; a group with more close modes than sensors (`FewSensorsError`) or with dependent
+    shapes.
+    """
     if not modes.measured.size:
         raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
     if modes.settings.shape_form == "mac" and not (modes.has_shapes and modes.settings.shape_error > 0):
@@ -287,7 +301,10 @@ def _require_errors(modes: MeasuredModes, what: str, std: FloatArray, key: str, 
 
 
 def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
-    """Raise `InputError` if a group has more close modes than sensors to separate their shapes."""
+    """Raise `FewSensorsError` if a group has more close modes than sensors to separate their shapes.
+
+    A mode that stands alone needs no sensor.
+    """
     if len(group.members) <= max(len(group.channels), 1):
         return
     numbers, n_own = ", ".join(str(mode + 1) for mode in group.members.tolist()), len(group.channels)

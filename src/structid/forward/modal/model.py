@@ -246,7 +246,9 @@ class MatrixSlopes:
     def _designs(self) -> dict[_Member, dict[int, FloatArray]]:
         """Derivatives by the parameters of the property values in element weights, dense (n_elements, n_params).
 
-        By group and contribution, then by the place of the value; empty for large groups.
+        Keys are the index of the group and that of the contribution, then the index of the value in the weight (0 for
+        the first factor). A contribution with more than 6 values or 50,000 entries, or without parameters, has an empty
+        table.
         """
         design, designs = self.parameters.design.tocsr(), {}
         for number, group in enumerate(self.elements):

@@ -134,8 +134,9 @@ def group_changes(
     Parameters
     ----------
     state : ModelState
+        Model, its sensors scaled by the standard deviations of the group's channels.
     group : GroupData
-        The measured modes.
+        The m measured modes.
     chosen : (m,) int array
         Indices of the model's modes.
     shapes : (n_own, m, n_changes) float array
@@ -144,7 +145,8 @@ def group_changes(
     Returns
     -------
     (m, n_changes), (n_own, m, n_changes) and (m, m, n_changes) float arrays
-        Changes of the frequency (Hz), the shapes' residual and the mixing.
+        Changes of the frequency (Hz), the shapes' residual and the mixing (scaled off-diagonal of A^-1 Lambda A, where
+        A fits the measured shapes by those of the model).
     """
     eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
     b = state.sensors.T @ state.modes.mode_shapes[:, chosen]
@@ -215,10 +217,11 @@ def _project_shapes(
 def _frequencies_of_group(
     eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Frequencies (Hz) from the diagonal of T = A^-1 Lambda A, its scaled off-diagonal, and slopes, parameters last.
+    """Frequencies (Hz) from the diagonal of T = A^-1 Lambda A, its off-diagonal in standard deviations, and slopes.
 
-    The order is frequencies (m,), slope, off-diagonal (m, m), slope. `eigenvalues` (m,) are the diagonal of Lambda; `d_lambda`
-    and `d_a` (m, m, n_params) are the slopes of Lambda and A. For a single mode T is Lambda.
+    The order is frequencies (m,), slope, off-diagonal (m, m), slope; slopes have the parameters last. `eigenvalues`
+    (m,) are the diagonal of Lambda, `a` is A (m, m); `d_lambda` and `d_a` (m, m, n_params) are the slopes of Lambda and
+    A; `group` gives the standard deviations. For a single mode T is Lambda.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)
@@ -311,10 +314,11 @@ def _groups_at(
 def output_rows(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool, with_slopes: bool = True
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), and the number of eliminated unknowns.
+    """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), number of eliminated unknowns.
 
-    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
-    frequency order. Without `with_slopes` the slopes are (n_data, 0).
+    Rows are the shape residual and the mixing of one group of modes after another, then frequencies and, if used,
+    damping ratios of all modes. `physical` are the parameters of the structure, then those of channel errors; with
+    `in_order` modes are paired by frequency order. Without `with_slopes` the slopes are (n_data, 0).
     """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []
@@ -343,10 +347,11 @@ def output_rows(
 
 
 def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool) -> FloatArray | None:
-    """Changes (n_changes, n_data) of the data rows whose products sum to their covariance; None if unknown.
+    """Joint variations (n_changes, n_data) of the data rows, whose products sum to their covariance; None if unknown.
 
-    None if the record does not say how its numbers vary together; the rows then count as independent. `physical` are the
-    parameters of the structure, then those of channel errors; with `in_order` modes are paired by frequency order.
+    None if the record does not say how its numbers vary together; the rows then count as independent. Rows are in the
+    order of `output_rows`. `physical` are the parameters of the structure, then those of channel errors; with
+    `in_order` modes are paired by frequency order.
     """
     if data.changes is None:
         return None

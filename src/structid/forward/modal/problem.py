@@ -90,7 +90,10 @@ class ModalProblem(RecordProblem):
     matrix_free_obstacle = "takes records of responses, got one of modes"
 
     def __new__(cls, *given: object, **named: object) -> Self:
-        """New problem; raises `InputError` if settings are given one by one and not in `settings`."""
+        """New problem; raises `InputError` if a setting is given as an argument of its own instead of in `settings`.
+
+        Any string among the unnamed arguments counts as such a setting.
+        """
         moved = [item.name for item in fields(ModalSettings) if item.name in named]
         if moved or any(isinstance(item, str) for item in given):
             example = f"{moved[0]}={named[moved[0]]!r}" if moved else 'form="dynamic"'
@@ -133,9 +136,11 @@ class ModalProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Labels of data rows: mode, channel and quantity of each.
+        """Labels of data rows: mode, channel and quantity of each, in the order of the residual.
 
-        Channels without a row have no name: those that are unknown in all modes, or in one of every group.
+        Form ``output``: shape and mixing of one group after another, then frequencies and damping ratios of all modes;
+        form ``dynamic``: a force for each known shape entry. Channels without a row, unknown in all modes or in one of
+        every group, have no name.
         """
         n = len(self.record.channels)
         if self.settings.form == "dynamic":
@@ -179,9 +184,9 @@ class ModalProblem(RecordProblem):
         return schedules
 
     def keeping_order(self, theta: FloatArray) -> ModalProblem:
-        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself.
+        """Problem with modes paired in order of frequency, if no shape is known and that is the pairing at `theta`.
 
-        `theta` (n_params,) are the free variables.
+        Else, and in the form ``dynamic``, this problem itself. `theta` (n_params,) are the free variables.
         """
         if self.data.has_shapes or self.settings.form != "output":
             return self
@@ -285,8 +290,9 @@ def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
 def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Force residual of all modes with a shape, (n_rows,), and its derivative by the parameters, (n_rows, n_params).
 
-    A mode has a row for each known shape entry. Residuals are relative to the inertia force and to the relative error of the
-    eigenvalue, at least 1e-3. `physical` (n_params,) are the parameters.
+    A mode has a row for each known shape entry; modes follow each other. Residuals are in parts of the inertia force,
+    divided by twice the relative standard deviation of the frequency, or by 1e-3 if that is larger. `physical`
+    (n_params,) are the parameters.
     """
     shown = data.record.known[:, data.measured].any(axis=0)
     residuals = [

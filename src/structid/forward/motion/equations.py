@@ -54,6 +54,8 @@ class TimeEquations:
     def fields(self, motion: Motion) -> FloatArray:
         """Stacked fields [acceleration velocity displacement force] of a motion, (4 n_dofs, n_times).
 
+        A quantity that the motion lacks, and the equations do not hold, is 0.
+
         Raises
         ------
         InputError
@@ -67,7 +69,10 @@ class TimeEquations:
         return np.concatenate([part.T for part in (*parts, motion.force)])
 
     def require(self, present: Collection[str]) -> None:
-        """Raise `InputError` unless the quantities that the equations hold are all `present`."""
+        """Raise `InputError` unless the quantities that the equations hold are all among the names `present`.
+
+        Names are "acceleration", "velocity" and "displacement".
+        """
         needed = np.bincount(self.operator.indices // self.n_dofs, minlength=4) > 0
         for name, matrix_kind, need in zip(MOTION_QUANTITIES, _MATRIX_KINDS, needed, strict=False):
             if need and name not in present:
@@ -94,7 +99,7 @@ class TimeEquations:
         Parameters
         ----------
         energy : (4 n_dofs,) float array
-            Sum over samples of the square of each field.
+            Sum over samples of the square of each field: accelerations, velocities, displacements, then forces.
         """
         gross = (abs(self.operator) @ np.sqrt(energy)) ** 2
         total = np.zeros(self.unknown.n_params + 1)
@@ -104,10 +109,12 @@ class TimeEquations:
     def noise_gram(self, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Expected additions to B'B (n_params, n_params) and B'c (n_params,) by independent errors of the fields.
 
+        B are the regressors and c the right-hand sides of all equations.
+
         Parameters
         ----------
         variance : (4 n_dofs,) float array
-            Sum over samples of the error variance of each field.
+            Sum over samples of the error variance of each field: accelerations, velocities, displacements, then forces.
 
         Returns
         -------
@@ -187,7 +194,8 @@ def _require_linear(structure: Structure, unknown: Parameters) -> None:
 def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Sparse entries of the linear equations: row, column among the fields, parameter and value, (n_entries,) each.
 
-    The parameter index is n_params for known terms.
+    Rows are degrees of freedom; columns are their accelerations, velocities and displacements, in blocks of n_dofs. The
+    parameter index is n_params for known terms, whose value is that of the right-hand side.
     """
     design = unknown.design.tocsr()
     entries = [
@@ -210,7 +218,8 @@ def _expanded(
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Sparse entries of one contribution to the equations, one for each parameter in a weight and for the known parts.
 
-    Entries are row, field column, parameter (n_params for known terms) and value.
+    Entries are row, field column (`matrix_kind` n_dofs + degree of freedom), parameter and value. Known terms have the
+    parameter index n_params and the opposite sign, as on the right-hand side.
 
     Parameters
     ----------
@@ -220,7 +229,7 @@ def _expanded(
     offset : (n_elements,) float array
         Known part of the element weights.
     n_dofs, matrix_kind : int
-        Number of degrees of freedom, and position of the matrix among mass, damping and stiffness.
+        Number of degrees of freedom, and index of the matrix among mass, damping and stiffness (from 0).
     """
     row, column, element, value = part.blocks.entries()
     field = matrix_kind * n_dofs + column

@@ -160,7 +160,8 @@ def reduced_state(
 ) -> StreamingQr:
     """QR `state` updated by the equation rows of the samples `fields` (n_fields, n_times).
 
-    `rows` forms them; None takes the operator of `equations`.
+    `rows` forms the equation rows from `fields`, which may then be channels of a record; None takes the operator of
+    `equations`. `work` does the update where each degree of freedom has a block of rows.
     """
     if len(equations.columns) == equations.n_dofs:
         return state.reduced(equations.operator if rows is None else rows, fields, work)
@@ -312,8 +313,8 @@ def motion_estimate(
 ) -> Estimate:
     """Estimate with covariance, status and words from a linear fit to motion; `bias` (n_params,) if it was predicted.
 
-    A parameter is identified if its standard deviation is at most its size and its bias at most half of it. `n_samples`
-    is the number of samples that were fitted.
+    A parameter is identified if its standard deviation is at most its size and its bias, if given, at most half of it;
+    the status is ``NOT_IDENTIFIABLE`` if one is not. `n_samples` is the number of instants that were fitted.
     """
     unknown = equations.unknown
     std = np.sqrt(np.diag(fit.covariance))
@@ -417,7 +418,11 @@ def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | Non
 
 
 def _identifiability(equations: TimeEquations, fit: LinearFit) -> Identifiability:
-    """Rank, condition and undetermined directions of relative changes of the parameters, by the linear `fit` of `equations`."""
+    """Rank, condition and undetermined directions of relative changes of the parameters, by a linear fit.
+
+    A parameter that no equation holds is a direction of its own with infinite standard deviation, has a singular value
+    of 0, and makes the condition infinite.
+    """
     unknown = equations.unknown
     values = np.where(np.isfinite(fit.values) & (fit.values != 0), fit.values, unknown.start)
     values = np.where(values != 0, values, 1.0)

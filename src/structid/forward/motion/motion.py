@@ -65,7 +65,7 @@ class Motion:
         return len(self.time)
 
     def at(self, rows: slice | ArrayLike) -> Motion:
-        """Copy of the motion with only the instants `rows`."""
+        """Copy of the motion with only the instants `rows`: a slice, indices or a mask along time."""
         index = rows if isinstance(rows, slice) else np.asarray(rows)
         motions = (getattr(self, name) for name in MOTION_QUANTITIES)
         chosen = (None if part is None else part[index] for part in motions)
@@ -145,9 +145,10 @@ def completed(
 
 
 def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: ArrayLike | None) -> Motion:
-    """Motion with missing velocity and displacement integrated from acceleration by the trapezoidal rule.
+    """Motion with missing velocity integrated from acceleration, and missing displacement from velocity, by trapezoids.
 
-    Initial values are (n_dofs,), 0 if None. Raises `InputError` without acceleration, or if an initial value is not needed.
+    Initial values are (n_dofs,), 0 if None. Raises `InputError` without acceleration, or if an initial value is given
+    for a measured quantity.
     """
     if motion.acceleration is None:
         raise InputError(
@@ -181,7 +182,8 @@ def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: Floa
 def _differenced(motion: Motion) -> Motion:
     """Motion with missing velocity and acceleration by central differences; the first and the last sample are dropped.
 
-    Raises `InputError` without displacement, with fewer than three samples, or for unequal time steps.
+    Raises `InputError` without displacement, with fewer than three samples, or if time steps differ by more than 1e-6
+    of their mean.
     """
     if motion.displacement is None:
         raise InputError(
@@ -226,6 +228,13 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
 
     A motion that is measured more than once is taken by least squares; forces add up.
 
+    Parameters
+    ----------
+    structure : Structure
+    record : TimeRecord or ChunkedRecord
+    quantity : str
+        "acceleration", "velocity", "displacement" or "force".
+
     Raises
     ------
     InputError
@@ -243,8 +252,8 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
 def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
     """Matrix (S S')^-1 S, (n_dofs, n_sensors), from sensor readings to the motion of free degrees of freedom.
 
-    `sensors` (n_dofs, n_sensors) is S; `quantity` is the word in errors. Raises `InputError` if a degree of freedom is not
-    determined.
+    `sensors` (n_dofs, n_sensors) is S; `quantity` is the word in errors. Raises `InputError` if a degree of freedom is
+    not measured, or several are measured only together.
     """
     from scipy.sparse.linalg import splu  # here, because it takes time to load
 

@@ -151,8 +151,9 @@ def reduced_by_chunks(
 ) -> RecursiveMotionFit:
     """Fit updated by samples `first` to `last` (not included; by default to the end) of a record, read in chunks.
 
-    A chunk has at most `longest` samples. The state is saved at `checkpoint` now and then and at any end; `progress` is called
-    with the samples done and those of the record.
+    A chunk has at most `longest` samples; None lets the record choose. The state is saved at `checkpoint` now and then
+    and at any end, exceptions included; `progress` is called with the samples in the fit and those of the record.
+    `work` folds the rows.
     """
     rows = record_rows(fit.equations, structure, record)
     _give_back_memory()
@@ -194,9 +195,10 @@ class RecordRows:
     def reduced(
         self, fit: RecursiveMotionFit, chunk: FloatArray, work: FoldingKernels | None = None
     ) -> RecursiveMotionFit:
-        """Fit updated by `chunk`, samples of the channels, (n_channels, n_times).
+        """Fit updated by `chunk` (n_channels, n_times), samples of the record's channels.
 
-        `work` folds the rows, by default as `FoldingKernels` does.
+        `work` forms and reduces the equation rows, with compiled kernels or threads; None takes the default
+        `FoldingKernels()`.
         """
         state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
         channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
@@ -220,7 +222,8 @@ def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedR
 def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
     """Operator from the channels of a record directly to the rows of the equations of motion.
 
-    `mapping` (4 n_dofs, n_channels) comes from `channel_map`.
+    `mapping` (4 n_dofs, n_channels) leads from channels to accelerations, velocities, displacements and forces. With a
+    single block of equations only the sparse operator is stored, without the layout of blocks.
     """
     operator = equations.operator  # shared where the channels are the fields, one by one
     if not _is_identity(mapping):
@@ -261,12 +264,14 @@ class FitKeeper:
 
 
 def motion_solution(fit: RecursiveMotionFit, work: FoldingKernels | None = None) -> MotionSolution:
-    """Solution of a motion fit with very many parameters, by sparse factors; `work` gives the name of the engine only.
+    """Solution of a motion fit with very many parameters by sparse factors, with standard deviations of the parameters.
+
+    `work` only gives the name of the engine that formed the rows.
 
     Raises
     ------
     InputError
-        If there is nothing to fit; see `RecursiveMotionFit.solution`.
+        If the fit has no samples, no motion, or no force and nothing known.
     """
     fit.require_content()
     _give_back_memory()

@@ -70,10 +70,11 @@ class WhitenedRows(Problem):
 
     @cached_property
     def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Matrix Q' B S^-1, basis Q and scale S, where instruments Z = Q R S with unit columns; None if not solvable.
+        """Matrix Q' B S^-1, basis Q and scale S of the instrumental-variables equations Z' B p = Z' c.
 
-        None with fewer rows than parameters, or if instruments or matrix are singular to 1e-10. Z is (n_rows,
-        n_params), Q as large, Q' B S^-1 (n_params, n_params) and S (n_params,).
+        Z = Q R S are the instruments (n_rows, n_params), S (n_params,) their column norms, Q (n_rows, n_params)
+        orthonormal, B the regressors; Q' B S^-1 is (n_params, n_params). None with fewer rows than parameters, or if Z
+        or the matrix is singular to 1e-10.
         """
         scale = np.linalg.norm(self.instruments, axis=0)
         if len(self.right) < len(scale) or not (scale > 0).all() or not np.isfinite(scale).all():
@@ -107,7 +108,8 @@ class WhitenedRows(Problem):
     def covariance(self) -> FloatArray:
         """Covariance (n_params, n_params) of the instrumental-variables solution for rows of unit noise.
 
-        NaN for undetermined parameters.
+        If the rows do not determine all parameters it is that of least squares with the instruments as regressors, NaN
+        for those that are undetermined.
         """
         if self._system is None:
             return inverse_information(self.instruments)
@@ -138,7 +140,8 @@ class FixedRows:
     def refit(self, rows: WhitenedRows) -> FitWithinTolerances | None:
         """Fit with each fixed value free within its tolerance, and its deviation counted as data; None if not unique.
 
-        The unknowns of its problem name the parameters only, without the fixed values.
+        Deviations are in tolerances. `rows` are the equations without fixed values. The unknowns of the result's
+        problem name the parameters only.
         """
         tolerance, n, n_fixed = self.fixed.tolerance, rows.parameters.n_params, len(self.fixed.names)
         stated = np.hstack([np.zeros((n_fixed, n)), np.eye(n_fixed)])
@@ -209,6 +212,7 @@ def stack_rows(
     unknown : Parameters
     regressors, instruments : (n_times, n_dofs, n_params) or (n_times n_dofs, n_params) float arrays
     right, force : (n_times, n_dofs) float arrays
+        Right-hand side of the equations, and the force as far as it is part of it.
     """
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
@@ -219,7 +223,10 @@ def stack_rows(
 
 
 def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Regressors (n_times, n_dofs, n_params) and right-hand side (n_times, n_dofs) of fields (4 n_dofs, n_times)."""
+    """Regressors (n_times, n_dofs, n_params) and right-hand side (n_times, n_dofs) of fields (4 n_dofs, n_times).
+
+    Fields are accelerations, velocities, displacements and forces of all degrees of freedom at each instant.
+    """
     n, n_params, n_times = equations.n_dofs, equations.unknown.n_params, fields.shape[1]
     rows = equations.rows(fields).reshape(n, n_times, equations.side)
     columns = np.broadcast_to(equations.columns, (n, equations.side - 1))

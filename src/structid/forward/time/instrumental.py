@@ -72,7 +72,7 @@ class InstrumentalSteps:
     """
 
     def __init__(self, keeper: SearchStateStore | None) -> None:
-        """Steps read back from the checkpoint of `keeper`, or none."""
+        """Instrumental iterations read back from the checkpoint of `keeper`, in order; none without a checkpoint."""
         self.keeper, self.count = keeper, 0
         state: Mapping[str, Any] | None = None if keeper is None else keeper.state
         self.steps: list[Step] = []
@@ -156,7 +156,10 @@ class InstrumentalFit:
         return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Regression equations and simulated instruments at the parameters `values` (n_params,).
+        """Regression equations and simulated instruments at the parameters `values` (n_params,), whitened.
+
+        The instruments are the regressors of simulated motion; with a measured initial state those of the first sample
+        are 0.
 
         Raises
         ------
@@ -188,10 +191,11 @@ class InstrumentalFit:
         return replace(self, model=model, equations=equations).rows(values)
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
-        """Matrix (n_dofs, n_dofs) that whitens the equation error at an instant: the inverse Cholesky factor of its covariance.
+        """Matrix (n_dofs, n_dofs) that whitens the equation error at an instant, an inverse Cholesky factor.
 
-        `values` are the parameters, `residual` (n_times, n_dofs) the equation error, which gives a diagonal matrix if no noise
-        is declared. Raises `InputError` if the declared noise is singular.
+        `values` (n_params,) are the parameters, `residual` (n_times, n_dofs) the equation error. If no noise is
+        declared the matrix is diagonal, one over the RMS of each equation's error (the largest RMS where it is 0).
+        Raises `InputError` if the covariance of the declared noise is singular.
         """
         if self.noise is None:
             size = np.sqrt((residual**2).mean(axis=0))
@@ -259,7 +263,8 @@ def identified_by_instruments(
 ) -> Estimate:
     """Estimate by refined instrumental variables, from few samples first and then from more and more.
 
-    Starting points are tried until one fits the noise; otherwise the best one counts. `work` may keep the iterations.
+    Starting points are tried until one fits the noise; otherwise the one that converged with the least chi-square
+    counts. `work` may store the iterations. Raises `InputError` if the record or the model does not suit the method.
     """
     fit = instrumental_fit(structure, unknown, record, options)
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
@@ -313,10 +318,10 @@ class _End:
 
 
 def _starting_attempts(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
-    """Number of samples of the first stage, and starting parameters (n_params,), for each attempt in turn.
+    """Yield the number of samples of the first stage, and starting parameters (n_params,), for each attempt in turn.
 
-    First linear fits to `size` and 8 `size` samples, if they determine all parameters, then the initial values with 8 `size`
-    and with all samples.
+    First linear fits to `size` and 8 `size` samples, if they determine all parameters, then the initial values with 8
+    `size` and with all samples.
     """
     n_times, initial = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
@@ -330,8 +335,9 @@ def _starting_attempts(fit: InstrumentalFit, unknown: Parameters, size: int) -> 
 def _follow_stages(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
     """End of the instrumental fit that starts with `size` samples, which double until all are used.
 
-    Each stage starts at the values of the one before; the last takes at most `most` iterations, the others three.
-    `steps` keeps the iterations. `values` (n_params,) are the parameters at the start.
+    Each stage starts at the values of the one before, or at its own start if that one has none; the last takes at most
+    `most` iterations, the others three. `steps` stores the iterations. `values` (n_params,) are the parameters at the
+    start.
     """
     history = [values]
     while size < fit.motion.n_times:
@@ -344,11 +350,11 @@ def _follow_stages(fit: InstrumentalFit, size: int, values: FloatArray, most: in
 def _iterate(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> _End:
-    """End of at most `most` instrumental iterations from the parameters `values`.
+    """End of at most `most` instrumental iterations from the parameters `values` (n_params,).
 
-    It converges when no parameter moves by `_TOLERANCE` standard deviations. Each solution is appended to `history`;
-    steps that reverse the one before are halved. `steps` keeps the iterations. `values` and the entries of `history`
-    are (n_params,).
+    It converges when no parameter changes by 0.01 standard deviations or more. Each solution (n_params,) is appended to
+    `history`; the value is the mean of old and new where a step reverses the one before by more than half. `steps`
+    stores the iterations. Without solution, or where motion cannot be simulated, the end has no values.
     """
     converged, last, before = False, None, values
     for _ in range(most):

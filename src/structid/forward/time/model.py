@@ -50,7 +50,11 @@ class TimeModel:
     bases: tuple[Base, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if the model is too large, or force and initial state do not suit a time-domain fit."""
+        """Raise `InputError` if the model does not suit a time-domain fit.
+
+        The reasons are: loss factors or friction; more than 200 free degrees of freedom; a support that drives together
+        with an oscillating force; a rest that ends before the first sample of a sampled force.
+        """
         require_viscous(self.structure, self.unknown)
         if self.structure.n_dofs > _MOST_DOFS:
             raise InputError(
@@ -165,9 +169,10 @@ class TimeModel:
         return readings
 
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
-        """Modal state space of the structure at the parameters `values` (n_params,), with its derivatives if wanted.
+        """Modal state space of the structure at the parameters `values` (n_params,).
 
-        Raises `SingularModelError` if the mass matrix is not positive definite.
+        Without `derivatives` its derivatives by the parameters have no columns. Raises `SingularModelError` if the mass
+        matrix is not positive definite.
         """
         properties = self.unknown.values(values)
         whole = [self.moving.matrix(matrix_kind, properties).toarray() for matrix_kind in _MATRIX_KINDS]
@@ -265,9 +270,10 @@ class LinearSystem:
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
-        """State transition and range of step numbers, for one block of steps after another that fits into memory.
+        """Yield the state transition and the range of step numbers (from 0) of one block of steps after another.
 
-        `width` is the number of columns that are carried along. `n_times` is the number of samples.
+        A block fits into memory; `width` is the number of state columns that are carried along. The step from the start
+        of the motion to the first sample, if there is one, is a block of its own. `n_times` is the number of samples.
         """
         n_steps = n_times - 1 + (self.model.drive.gap > 0)
         first = 0
@@ -288,7 +294,11 @@ class LinearSystem:
 
     @cached_property
     def _output(self) -> tuple[FloatArray, FloatArray]:
-        """Output matrices of the sensors: (n_sensors, n_states) for the state, (n_sensors, n_inputs) for inputs."""
+        """Output matrices of the sensors: (n_sensors, n_states) for the state, (n_sensors, n_inputs) for inputs.
+
+        The state is scaled modal displacements, then modal velocities; the inputs' matrix is 0 except for
+        accelerations.
+        """
         n, seen = len(self.scale), self.model.sensor_columns.T @ self.shapes
         order = self.model.orders[:, None]
         slow = [np.where(order == 0, seen / self.scale, 0.0), np.where(order == 1, seen, 0.0)]
@@ -464,7 +474,8 @@ class InputHold:
     def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
         """Input state at the start and at the end of each step, (n_steps + 1, n_inputs), in the order of `generator`.
 
-        `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
+        `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation, with which
+        `n_times`, the number of samples, counts. After the last sample a first-order hold stays constant.
         """
         if self.oscillates:
             return self.oscillation(n_times) @ force

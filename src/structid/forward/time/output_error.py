@@ -127,7 +127,11 @@ class Incidentals:
     free_start: bool
 
     def at(self, values: FloatArray) -> Incidental:
-        """Initial state and noisy forces that fit best at the parameters `values` (n_params,), by linear least squares."""
+        """Initial state and noisy forces that fit best at the parameters `values` (n_params,), by linear least squares.
+
+        The result has all forces, the initial state (None at rest) and an orthonormal basis (n_data, rank) of what
+        these unknowns explain in the data. Combinations with singular values below 1e-10 of the largest stay 0.
+        """
         of, known = self.histories, self.histories.known_force
         if not self.free_start and not len(of.noisy_loads):
             return Incidental(known, None, np.zeros((of.measured.size, 0)))
@@ -221,7 +225,10 @@ class OutputErrorProblem(RecordProblem):
     parameters: Parameters = field(init=False)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on wrong shapes, zero deviations or too many noisy force samples."""
+        """Raise `InputError` on wrong shapes, zero deviations of sensors, or more than 1000 noisy force samples.
+
+        An oscillating force has no limit. `structure` and `parameters` are taken from the model.
+        """
         object.__setattr__(self, "structure", self.model.structure)
         object.__setattr__(self, "parameters", self.model.unknown)
         n_times, n_loads = self.n_times, len(self.model.loads)
@@ -284,7 +291,10 @@ class OutputErrorProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Labels of data rows: readings of each sensor at each sample, then samples of each noisy load."""
+        """Labels of data rows: readings of each sensor at each sample, then samples of each noisy load.
+
+        In both parts the sample varies slowest; names are those of sensors, then of noisy loads.
+        """
         (n_times, n_sensors), noisy = self.measured.shape, self.histories.noisy_loads
         index, forces = np.arange(n_times), n_sensors + np.arange(len(noisy))
         kind = "motion of" if self.model.bases else "force at"
@@ -400,12 +410,21 @@ def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[B
 def output_error_problem(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions | None = None
 ) -> OutputErrorProblem:
-    """Maximum-likelihood output-error problem of `record`; see `identify_time` for the arguments.
+    """Maximum-likelihood output-error problem of `record`, for the motions named in `options.quantities`.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    record : TimeRecord
+        With the noise variance of every channel; a load with variance 0 is known.
+    options : TimeOptions, optional
 
     Raises
     ------
     InputError
-        As `time_model`, and if the noise of a fitted channel is not declared.
+        If the record or the structure gives no time-domain model, or the noise of a fitted channel is not greater than
+        0.
     """
     chosen = options or TimeOptions()
     model = time_model(structure, unknown, record, chosen)

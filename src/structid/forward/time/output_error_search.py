@@ -62,9 +62,11 @@ def identified_by_output_error(
 ) -> Estimate:
     """Maximum-likelihood estimate from time histories, fitted to few samples first and then to more and more.
 
-    Each stage doubles the samples and starts where the one before ended. A stage that misses the noise ends the search from
-    this start, and the next start is tried; if all fail, the one that came furthest is followed to its end. Starts are those of
-    `_rounds`. Workers run starts in parallel without changing the answer.
+    Each stage doubles the samples and starts where the one before ended. A stage that misses the noise ends the search
+    from its start, and the next start is tried; if all fail, the one that came furthest is followed to its end. Starts
+    are linear fits, the initial values, the weak form, then random points and posterior linearization. Workers run
+    starts in parallel without changing the answer. Raises `InputError` if the record or the model does not suit the
+    method.
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
@@ -111,8 +113,9 @@ def _search_starts(
 ) -> Iterator[tuple[_PathEnd, int]]:
     """Yield the result of the search from each starting point of each of `rounds`, with its number of iterations.
 
-    A round is made only when its first result is asked for. `shared` is the problem, the numbers of samples of the
-    stages, and the options.
+    A result is stages passed, minus chi-square per degree of freedom, and free variables (n_params,). A round is made
+    only when its first result is asked for. `shared` is the problem, the numbers of samples of the stages, and the
+    options.
     """
     count = 0
     for starts in rounds:
@@ -131,8 +134,9 @@ def _search_from_start(
 ) -> dict[str, Any]:
     """Result of the search from one start, as a parallel task.
 
-    Keys are ``reached`` (stages passed), ``excess`` (chi-square per degree of freedom), ``theta`` and ``spent`` (iterations).
-    `shared` is the problem, the numbers of samples of the stages, and the options.
+    Keys are ``reached`` (stages passed, earlier ones included if any was), ``excess`` (chi-square per degree of
+    freedom), ``theta`` (n_params,) and ``spent`` (iterations). `shared` is the problem, the numbers of samples of the
+    stages, and the options.
     """
     problem, sizes, options = shared
     reached, excess, theta, spent = _follow_stages(problem, sizes[start.first :], start.theta, options, True, tools)
@@ -141,7 +145,10 @@ def _search_from_start(
 
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
-    """Numbers of samples of the search stages, each twice the one before; the last is the whole record."""
+    """Numbers of samples of the search stages, each twice the one before; the last is the whole record.
+
+    The first is `first_samples` of the options, or as many as one equation for each unknown takes, at least 2.
+    """
     size = options.first_samples or max(2, _samples(problem, 1))
     sizes = []
     while size < problem.n_times:
@@ -306,9 +313,9 @@ def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], t
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Starting points (n_params,), free variables, by linear fits to the first 4, 8 and 16 samples.
+    """Yield starting points (n_params,), free variables, by linear fits to the first 4, 8 and 16 samples.
 
-    Nothing where some motion is not measured, and none for more samples than the record has.
+    Nothing comes where some motion is not measured, nor for more samples than the record has.
     """
     for n_samples in _LINEAR_SAMPLES:
         if n_samples > len(record.values):

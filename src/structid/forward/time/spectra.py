@@ -125,9 +125,9 @@ class EliminatedColumns:
     rank: int
 
     def project_out(self, data: ComplexArray) -> tuple[ComplexArray, FloatArray]:
-        """Rows of `data` (n, n_complex) less the part that the columns explain, and the unknowns (n_unknowns, n) of that part.
+        """Rows of `data` (n, n_complex) less the part that the columns explain, and the unknowns (n_unknowns, n) of it.
 
-        Projected twice, because normal equations lose digits by rounding.
+        Unknowns are real. The projection is repeated once, because normal equations lose digits by rounding.
         """
         left = np.ascontiguousarray(data).view(np.float64)
         columns, explained = self.columns.view(np.float64), np.zeros((len(self.solution), len(left)))
@@ -156,9 +156,10 @@ class MassLine:
     spectra: FiniteSpectra
 
     def values(self, own: FloatArray) -> FloatArray:
-        """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` of the structure.
+        """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` (n_params,).
 
-        For a driven support it is per unit acceleration of the support. `own` is (n_params,).
+        For a driven support it is per unit acceleration of the support. `own` are the parameters of the structure
+        without channel errors.
         """
         x, _ = self._fields(own)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
@@ -209,9 +210,10 @@ class Transient:
     def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
         """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces).
 
-        `y` (n_frequencies, n_dofs, n_outputs) is the receptance from degrees of freedom to sensors, and `read` (n_frequencies,
-        n_outputs) turns displacements into the motion that each sensor reads. The motion is exactly 0 of a mode whose nodes are at
-        all sensors: the rounding of such a column would be fitted by a motion without bound, whose derivative has no meaning.
+        `y` (n_frequencies, n_dofs, n_outputs) is the receptance from degrees of freedom to sensors, and `read`
+        (n_frequencies, n_outputs) turns displacements into the motion that each sensor reads. A motion below 1e-6 of
+        the largest possible is set to 0: it is rounding of a mode whose nodes are at all sensors, and would be fitted
+        by a motion without bound.
         """
         motions: ComplexArray = np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
         largest = np.linalg.norm(np.linalg.norm(y, axis=1) * read) * np.linalg.norm(self.forces, axis=0)
@@ -237,9 +239,10 @@ class Transient:
 
     @cached_property
     def _own_shapes(self) -> ComplexArray:
-        """Shapes (n_frequencies, n_shapes) of each output's own part of a spectrum: powers of s, then four for each tone.
+        """Functions of frequency (n_frequencies, n_shapes) in each output's own part of a spectrum: powers, then tones.
 
-        Those are 1/p, s/p, 1/p^2 and s/p^2 with p = s^2 + w^2; s and w are relative to the highest line.
+        Powers of s go from 0 to `order`. A tone of angular frequency w has four: 1/p, s/p, 1/p^2 and s/p^2 with p = s^2
+        + w^2; s and w are relative to the highest line.
         """
         s = self.relative_laplace
         powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
@@ -323,7 +326,8 @@ class SpectraModel:
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
         """Evaluation at `physical`, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params).
 
-        `physical` are the parameters of the structure, then those of channel errors.
+        Transients stay as fitted in the derivative. `physical` are the parameters of the structure, then those of
+        channel errors.
         """
         evaluation = self._last.taken(physical) or self._evaluate(physical)
         of_structure = physical[: self.parameters.n_params]
@@ -414,7 +418,10 @@ class SpectraModel:
 
 
 def _response(model: SpectraModel, frequency: FloatArray) -> Response:
-    """Receptance model of the structure at lines `frequency` (Hz), with each sensor place and direction once."""
+    """Receptance model of the structure at lines `frequency` (Hz), with each sensor place and direction once.
+
+    Its kind is "transmissibility" if a support drives the structure.
+    """
     distinct = tuple(dict.fromkeys(model.spectra.outputs))
     shape = (len(frequency), len(distinct), len(model.spectra.inputs))
     decay = np.full(shape[0], model.spectra.decay)
@@ -426,7 +433,8 @@ def _response(model: SpectraModel, frequency: FloatArray) -> Response:
 def _forces(model: SpectraModel) -> FloatArray:
     """Force patterns M phi (n_dofs, n_modes) of modes up to twice the highest line, by which changes of state act.
 
-    No column without a transient. Driving supports carry no force.
+    Masses and modes are those at the start of the parameters. No column without a transient. Driving supports carry no
+    force.
     """
     structure = model.response.slopes.structure
     n_dofs = structure.n_dofs
@@ -453,8 +461,8 @@ def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexAr
 def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
     """Linear unknowns prepared for elimination, from their `columns` (n_unknowns, n_complex), one in each row.
 
-    Normal equations are used if they lose at most half of the digits, else an orthonormal basis in place of the columns. Unknowns
-    whose columns are 0 explain nothing and are 0.
+    Normal equations are used if the ratio of their eigenvalues exceeds 1e-9, else an orthonormal basis in place of the
+    columns. Unknowns whose columns are 0 explain nothing and are 0.
 
     References
     ----------
@@ -487,7 +495,7 @@ def eliminated_columns(columns: ComplexArray) -> EliminatedColumns:
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Orthonormal basis Q (n_rows, rank) of the span of `columns`, and W (n, rank) with `columns` @ W = Q.
 
-    `columns` (n_rows, n) have similar norms.
+    `columns` (n_rows, n) have similar norms; singular values below 1e-10 of the largest count as 0.
     """
     n_rows, n = columns.shape
     blocks = max(1, n_rows // max(_BLOCK_ROWS, 2 * n))
@@ -681,15 +689,16 @@ def transient_order(channels: ChannelErrors | None) -> int:
 def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Schedule, ...]:
     """Two sequences of stages for a poor start: fits to the record times exp(-sigma t), with falling sigma.
 
-    Damped forces and motions obey the same equation at s = sigma + i omega, without approximation, and have no resonances for
-    large sigma. Each stage has a Gaussian prior at the start and an error of a tenth of each value. Stages are (name, problem);
-    the first sequence has finer steps.
+    Damped forces and motions obey the same equation at s = sigma + i omega, without approximation, and have no
+    resonances for large sigma. Each stage has a Gaussian prior at the start and an error of a tenth of each value.
+    Stages are (name, problem); the first sequence has finer steps.
 
     Parameters
     ----------
     problem : SpectraProblem
+        Its undamped spectra give channels and band.
     record : TimeRecord
-        Where its spectra come from.
+        Record that the spectra of `problem` come from.
 
     References
     ----------

@@ -98,9 +98,10 @@ class WeakForm:
         return total
 
     def noise(self, values: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Expected noise of the windowed fields, (4 n_dofs, n_windows), for weighted residuals `weighted` (n_windows, n_dofs).
+        """Expected noise of the windowed fields, (4 n_dofs, n_windows), given the weighted residuals of the equations.
 
-        `values` (n_params,) are the parameters.
+        Fields are accelerations, velocities, displacements and forces; `weighted` (n_windows, n_dofs) is the inverse
+        covariance times the residual, and `values` (n_params,) are the parameters.
         """
         matrices, n = self._matrices(values), self.equations.n_dofs
         noise = np.zeros((3, n, self.n_windows))
@@ -226,7 +227,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
 def _suited_length(motion: FloatArray, step: float) -> float:
     """Window length (s) of test functions that pass 95 % of the power of each column of `motion` (n_times, n).
 
-    At least `_FEWEST_SAMPLES` time steps and at most a fifth of the record; `step` is the time step, s.
+    At least 12 time steps and at most a fifth of the record, if that is longer; `step` is the time step, s.
     """
     n_times = len(motion)
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n_times) + 0.5) / n_times)
@@ -240,11 +241,12 @@ def _suited_length(motion: FloatArray, step: float) -> float:
 def _filters(
     n_times: int, step: float, n_dofs: int, length: float, windows: int | None, orders: set[int]
 ) -> dict[int, sparse.csr_array]:
-    """Sampled derivatives of the test functions times the time step, sparse (n_windows, n_times), by order of derivative.
+    """Sampled derivatives of the test functions times the time step, sparse (n_windows, n_times), by derivative order.
 
-    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length. Raises
-    `InputError` if the length does not fit the record, or the equations, one for each window and each of `n_dofs`
-    degrees of freedom, are more than `_MOST_ROWS`. `orders` are the orders of derivatives wanted.
+    `length` and `step` are in s; `windows` is the number of test functions, by default eight to a length, at most what
+    3000 equations allow. `orders` are the orders of derivatives wanted. Raises `InputError` if the length does not fit
+    the record, or if `windows` makes more than 3000 equations, one for each window and each of `n_dofs` degrees of
+    freedom.
     """
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
@@ -287,7 +289,9 @@ def identified_by_weak_form(
 ) -> Estimate:
     """Estimate of mass, damping and stiffness by the weak form, with noise of the measured motion accounted for.
 
-    Equations are reweighted and solved until no parameter moves by more than 1e-4 standard deviations.
+    Equations are reweighted and solved until no parameter changes by 1e-4 standard deviations or more, at most
+    `max_iterations` times. Raises `InputError` if a degree of freedom, force or noise is not measured or declared, or
+    the record is too short.
     """
     form = weak_form(structure, unknown, record, options)
     values: FloatArray = np.array(unknown.start)

@@ -109,10 +109,11 @@ class SubstructureCoupling:
         return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the coupled structure's readings, for one block of lines after another.
+        """Yield the coupled structure's readings and their derivatives, for one block of lines after another.
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives by the parameters,
+        and the readings under unit contact forces. `physical` (n_params,) are the parameters, `coefficients` (n_lines,
+        n_matrices) those of the matrices in the dynamic stiffness.
         """
         for part, fields in self.fields(physical, coefficients):
             x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)

@@ -69,10 +69,11 @@ class DenseSolver:
         return np.concatenate(read)
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the readings of a small model, for one block of lines after another.
+        """Yield readings of a small model and their derivatives by the parameters, one block of lines after another.
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives, and the readings
+        under unit contact forces. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those
+        of the matrices in the dynamic stiffness.
         """
         forces = self.slopes.dense.at(self.slopes.parameters.values(physical))
         with single_blas():
@@ -220,9 +221,11 @@ class SparseSolver:
                 yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
+        """Readings of sensors, then contacts, (n_lines, n_sensors, n_columns), under load columns at indices `columns`.
 
-        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
+        With the tolerance `reduced` they come from a reduced basis where that is accurate enough, else from one
+        factorization a line; those of a reduced sweep of all columns are cached. `physical` (n_params,) are the
+        parameters, `coefficients` (n_lines, n_matrices) those of the matrices in the dynamic stiffness Z.
         """
         key = self._key(physical, coefficients)
         known = self.last_sweep.readings.get(key)
@@ -247,11 +250,12 @@ class SparseSolver:
         return readings
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """`LineDerivatives` of the readings, one line after another, or all at once where a reduced basis is used.
+        """Yield readings and their derivatives by the parameters, line by line, or all at once from a reduced basis.
 
-        Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives, and the readings
+        under unit contact forces. Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for
+        instead of adjoint fields. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those
+        of the matrices in Z.
         """
         known = self.last_sweep.derivatives.get(self._key(physical, coefficients))
         if known is not None:
@@ -398,9 +402,10 @@ class LastSweep:
         return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """Reduced sweep of `key`, cached or made by `begun`, refined until `error_of` allows its error.
+        """Reduced sweep of `key`, cached or made by `begun`, with a basis that grows until `error_of` gives at most 1.
 
-        None if that would cost too much. Two sweeps are cached at most.
+        None if that would cost too much. The two last sweeps are cached; `key` is the bytes of the parameters and
+        coefficients.
         """
         sweep = self._sweeps.pop(key, None)
         if sweep is None:
@@ -414,7 +419,7 @@ class LastSweep:
     def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
         """Readings of `sensors` (n_dofs, n_sensors) in `sweep` under all load columns, (n_lines, n_sensors, n_columns).
 
-        They are cached by `key`, the bytes of the parameters and coefficients.
+        They are cached by `key`, the bytes of the parameters and coefficients; the oldest of more than 40 are dropped.
         """
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]
