@@ -89,9 +89,10 @@ def thin_curve(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, Flo
 
 
 def thin_band(x: FloatArray, low: FloatArray, high: FloatArray, most: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """At most `most` points of the band from `low` to `high` over `x`, (n,) each: minimum of `low` and maximum of `high` by bins.
+    """At most `most` points of a band over `x`: minimum of `low` and maximum of `high` in each bin.
 
-    The points have the x of `thin_curve`. A band of no more points stays as it is.
+    `x`, `low` and `high` are (n,). A bin gives two equal points, at its first x and again there; a band of no more than
+    `most` points stays as it is. The result is x, low and high.
     """
     if len(x) <= most:
         return x, low, high

@@ -89,7 +89,11 @@ def parse_dof(text: str | Dof) -> Dof:
 
 
 def _parsed(text: str | Dof, also: str = "") -> Dof:
-    """The degree of freedom named by `text`, see `parse_dof`; `also` tells what else may stand there, at the end of the error."""
+    """The degree of freedom that `text` names, such as ``12Z+``, ``12:-Z``, ``3RX`` or ``3.4``; a `Dof` as it is.
+
+    ``3.4`` is node and component from 1. Without a sense it is +. Raises `InputError` for another form; `also` ends its
+    message, with what else may stand there.
+    """
     if isinstance(text, Dof):
         return text
     word = _WORD.match(text) if isinstance(text, str) else None

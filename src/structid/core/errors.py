@@ -80,7 +80,8 @@ def about(option: str) -> Iterator[None]:
 def naming(argument: str) -> Iterator[None]:
     """Context manager that puts the name of an `argument` before the message of an `InputError` raised in its block.
 
-    "" puts none.
+    The new `InputError` names `argument` as the option at fault too, unless the first named one. "" leaves errors as
+    they are.
     """
     try:
         yield

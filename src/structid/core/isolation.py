@@ -120,7 +120,10 @@ def python_arguments(*words: str) -> list[str]:
 
 
 def kill_child(process: subprocess.Popen[bytes]) -> None:
-    """Kill the child `process` of `start_child` with a group of its own, and all that it started; it is not waited for."""
+    """Kill the child `process`, which must lead a process group of its own, and all that it started.
+
+    It is not waited for; a group that has ended already is no error.
+    """
     if hasattr(os, "killpg"):
         with suppress(ProcessLookupError, PermissionError):  # it has ended, or its children take another user
             os.killpg(process.pid, signal.SIGKILL)
@@ -147,7 +150,8 @@ def safe_child_environment() -> Iterator[None]:
 def isolated() -> Iterator[None]:
     """Context manager whose block runs in `NEUTRAL_FOLDER` and imports nothing from the folder of the call.
 
-    Folder, import path and environment are restored at its end.
+    That folder is noted for `calling_folder`, so that relative paths still begin there. Folder, import path and
+    environment are restored at its end.
     """
     folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
     _calling.append(folder)

@@ -18,6 +18,8 @@ _ROUNDING = 1e-10
 def number(value: float, digits: int = 4) -> str:
     """`value` with `digits` significant digits; powers of ten below 1e-3 and from 1e5.
 
+    A dash for NaN, ∞ or −∞ for infinite values, and "0" for 0.
+
     Examples
     --------
     >>> number(0.012345), number(2.1e6, 3), number(float("nan"))
@@ -47,6 +49,8 @@ def exact(value: float, digits: int = 5) -> str:
 
 def with_std(value: float, std: float) -> str:
     """`value` ± `std`, the deviation with two significant digits and the value to the same place.
+
+    A dash if `value` is not finite. Where the two are more than 1e9, or 1e3, apart each has its own digits.
 
     Examples
     --------

@@ -110,7 +110,9 @@ def mistaken_motions(is_rotation: bool, is_acceleration: bool = True) -> tuple[t
 def mistaken_unit(size: float, units: Sequence[tuple[float, str, str]], near: float) -> str:
     """The confused units that explain a factor exp(`size`), as ``in g and read as m/s^2``; "" if none does.
 
-    `units` are (factor, true unit, unit assumed), as in `mistaken_motions`; the logarithm may differ by `near`.
+    `units` are (factor above 1, first unit, second unit); the one whose logarithm is nearest to abs(`size`) counts, if
+    they differ by at most `near`. Values in the first unit were read as the second for a positive `size`, and the other
+    way round else.
     """
     distance, (_, smaller, larger) = min((abs(abs(size) - math.log(unit[0])), unit) for unit in units)
     if distance > near:

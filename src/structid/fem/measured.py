@@ -148,7 +148,7 @@ class MeasuredComponent:
         """Weights of the measured lines in the interpolated receptance at each `frequency` (Hz), (n_measured, n_lines).
 
         A column has a single 1 where the line was measured, and four cubic weights where it is interpolated. Raises
-        `InputError` as `receptance_at`, but for a singular Y.
+        `InputError` if a line lies outside the measured band, or between measured lines that are too far apart.
         """
         nearest, between = self._nearest_lines(frequency)
         columns, rows, values = np.flatnonzero(~between), nearest[~between], np.ones((~between).sum())
@@ -279,8 +279,9 @@ class MeasuredComponent:
 def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatArray) -> ComplexArray:
     """Block-diagonal receptance of all `components`, (n_lines, n, n), m/N, at the lines `frequency`, Hz.
 
-    Rows and columns are the interface degrees of freedom of the first component, then of the second, and so on. Raises as
-    `MeasuredComponent.receptance_at`.
+    Rows and columns are the interface degrees of freedom of the first component, then of the second, and so on. Raises
+    `InputError` if a line lies outside the measured band of a component or cannot be interpolated, or its receptance is
+    singular there.
     """
     receptances = [component.receptance_at(frequency) for component in components]
     ends = np.cumsum([0, *(y.shape[1] for y in receptances)])

@@ -216,7 +216,10 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
 
 
 def together(values: FloatArray) -> FloatArray | None:
-    """Weights W that combine series into the fewest joint ones without loss, (n_series, n_joint); None if all are needed.
+    """Weights W that combine series into the fewest joint ones without loss; None if all series are needed.
+
+    Directions in which the series, scaled to unit RMS, have no more than `_SAME` of the largest mean square are left
+    out.
 
     Parameters
     ----------

@@ -58,10 +58,11 @@ class ModalState:
 
     @cached_property
     def shares(self) -> dict[str, FloatArray]:
-        """Factors on dM and dK in modal coordinates, by kind of matrix, whose sum is the change of the geometric mean M # K.
+        """Factors on dM and dK in modal coordinates, by kind of matrix, whose sum is the change of the mean M # K.
 
-        Arrays (n_dofs, n_dofs) for "mass" and "stiffness"; entry (k, l) belongs to modes k and l, and is 0 where both lack
-        mass or stiffness.
+        M # K is the geometric mean of mass and stiffness matrix; dM and dK are their changes. Arrays (n_dofs, n_dofs)
+        for "mass" and "stiffness"; entry (k, l) belongs to modes k and l, and is 0 where both lack mass or both lack
+        stiffness.
         """
         products = np.outer(self.heavy, self.stiff)
         sums = products + products.T
@@ -125,7 +126,11 @@ class ModalDamping(Factor):
         return np.full(self.rows.shape, changing[self._values].any())
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the damping entries (n_entries,) by value `number` of those they depend on; see `Factor.slope`."""
+        """Derivative of the damping entries (n_entries,) by the property value at `value_indices[number]`.
+
+        It is taken at the property `values` (n_values,) of the whole structure. Derivatives by all values are cached
+        together unless they are too many.
+        """
         if len(self.rows) * len(self._values) > _MOST_KEPT:
             return self.change(values, self._alone([number])).toarray()[:, 0]
         every = self._alone(range(len(self._values)))
@@ -147,8 +152,8 @@ class ModalDamping(Factor):
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
         """Derivative of the damping entries by parameters, sparse (n_entries, n_parameters), at property `values`.
 
-        `design` (n_values, n_parameters) is the derivative of the values by the parameters; see `Factor.change`.
-        `values` (n_values,) are those of the whole structure.
+        `values` (n_values,) are those of the whole structure; `design` (n_values, n_parameters) is their derivative by
+        the parameters. The entries are those of the upper triangle for a damping ratio of 1.
         """
         state = self.at(values)
         changes = [(part, part.change(values, design).tocsc()) for part in self.parts]

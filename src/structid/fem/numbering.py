@@ -131,8 +131,8 @@ def _require_no_circle(equations: DofEquations) -> None:
 def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterable[Dof]) -> sparse.csc_array:
     """Sparse columns that read (or load) `dofs` on free degrees of freedom, signs included, (n_free, n_chosen).
 
-    `all_dofs` is the numbering and `nodes` are all nodes by label. Raises `InputError` if a degree of freedom is at no node,
-    not part of the structure, or held at zero; see `Structure.selection`.
+    A dependent degree of freedom reads those that it follows. `all_dofs` is the numbering and `nodes` are all nodes by
+    label. Raises `InputError` if a degree of freedom is at no node, not part of the structure, or held at zero.
     """
     chosen = tuple(dofs)
     codes, is_constrained = all_dofs.codes, np.diff(all_dofs.matrix.indptr) == 0

@@ -172,7 +172,11 @@ class Structure(Shown, StructurePlots):
         _require_interfaces(self)
 
     def overview(self) -> Overview:
-        """Numbers of nodes and degrees of freedom, and one row for each element set."""
+        """Table of the element sets (name, type, properties), below a sentence on the structure.
+
+        The sentence has the numbers of nodes, free degrees of freedom, sets and ties, the supports, measured components
+        and the damping ratio of all modes.
+        """
         words = (
             f"{plural(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
             f" {plural(len(self.elements), 'element set')}, {plural(len(self.ties), 'tie')};"
@@ -206,7 +210,7 @@ class Structure(Shown, StructurePlots):
     def require_modes(
         self, what: str, remedy: str = "take FRFs as the record ([record.frf] makes them of time histories)"
     ) -> None:
-        """Raise `InputError` if the structure has no modes, which `what` needs; see `has_modes`.
+        """Raise `InputError` if the structure has no modes, as one with parts known by FRFs alone, which `what` needs.
 
         `what` and `remedy` are words of the message: the computation that is asked for, and an alternative to a model.
         """
@@ -461,7 +465,8 @@ class Structure(Shown, StructurePlots):
     def dense_matrices(self, kinds: Sequence[str], values: FloatArray) -> FloatArray:
         """Matrices of several `kinds` as dense arrays, (n_kinds, n_dofs, n_dofs), at the property `values` (n_values,).
 
-        In the order of `kinds`; zeros where the structure has no such matrix. See `matrix`.
+        They are on the free degrees of freedom, SI units, in the order of `kinds` ("mass", "damping", "stiffness",
+        "structural_damping" or ``friction:NAME``); zeros where the structure has no such matrix.
         """
         matrices = np.zeros((len(kinds), self.n_dofs, self.n_dofs))
         for matrix, kind in zip(matrices, kinds, strict=True):
@@ -614,7 +619,10 @@ def _require_subdivision(structure: Structure) -> None:
 
 
 def _fixed_dofs(fixed: Iterable[str | Dof], directions: Sequence[str]) -> tuple[Dof, ...]:
-    """Degrees of freedom that `fixed` names, as in ``"3X"`` or ``"3 X RZ"``; ``"3"`` is node 3 in all `directions` of motion."""
+    """Degrees of freedom that `fixed` names, as in ``"3X"`` or ``"3 X RZ"``; ``"3"`` is node 3 in all `directions`.
+
+    `directions` are those in which nodes move; a single text is a list of one. Raises `InputError` for another form.
+    """
     texts = [fixed] if isinstance(fixed, str) else fixed
     if not isinstance(texts, Iterable) or isinstance(texts, Mapping):
         raise InputError(f'a list of degrees of freedom is needed, such as ["1X", "2"], got {fixed!r}')

@@ -57,12 +57,12 @@ def numbered_terms(
     pieces: int = 1,
     sliding: Sequence[int] = (),
 ) -> NumberedTerms:
-    """The terms of `elements` with lines cut into equal `pieces` and ends released by joints; see `ElementSet.property_matrices`.
+    """The terms of `elements` with lines cut into equal `pieces` and ends released by joints, with the new node labels.
 
-    An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
-    releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the node's.
-    Matrices of bars and beams with an end at one of the nodes `sliding`, or with a tolerance of their lengths, are split by
-    powers of the length.
+    A term is a property with its values and element matrices. An element owns its pieces: it keeps one matrix for each
+    property, on the nodes between them too. The end that a joint releases has a degree of freedom of its own in the
+    element's matrices, in place of the node's; all others stay the node's. Matrices of bars and beams with an end at
+    one of the nodes `sliding`, or with a tolerance of their lengths, are split by powers of the length.
 
     Parameters
     ----------
@@ -78,11 +78,17 @@ def numbered_terms(
     sliding : sequence of int
         Nodes whose position is a property.
 
+    Returns
+    -------
+    NumberedTerms
+        Terms of each set by its name, the element or joint that each new node label belongs to, and the codes between
+        pieces that are free to move.
+
     Raises
     ------
     InputError
-        If a joint cannot be: its element, node or direction is not there, the element has no stiffness in it, or another joint
-        is in its place.
+        If a joint cannot be: its element, node or direction is not there, the element has no stiffness in it, or
+        another joint is in its place.
     """
     terms: dict[str, tuple[PropertyMatrices, ...]] = {}
     owners: dict[int, str] = {}

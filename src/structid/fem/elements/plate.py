@@ -107,9 +107,10 @@ class Plate(ThinSet):
         }
 
     def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
-        """Maps from the motion of the element in `row` to in-plane strains, which are zero, and to strains per height (1/m).
+        """Maps from the motion of the element in `row` to in-plane strains, all zero, and to strains per height (1/m).
 
-        Both are (3, 3 n_corners), at the centre, as in `ThinSet.centre_strains`; `positions` of nodes in m.
+        Both are (3, 3 n_corners), at the centre of the element: strains are xx, yy and engineering xy, motions (w,
+        theta_x, theta_y) corner by corner. `positions` of nodes in m.
         """
         nodes = self.nodes[row][self.nodes[row] >= 0][None]
         corners = cell_positions(self.name, nodes, positions, 2)

@@ -391,9 +391,10 @@ def _strain_from_natural(corners: FloatArray) -> FloatArray:
 
 
 def _natural_strains(corners: FloatArray, area: FloatArray) -> list[FloatArray]:
-    """Elongations along the sides at each corner due to corner rotations: three maps (n_cells, 3, 3).
+    """Strains along the three sides at each corner per corner rotation: three maps (n_cells, 3, 3), one a corner.
 
-    `corners` (n_cells, 3, 2) are positions, `area` (n_cells,) that of each cell.
+    Rows are sides, columns the rotations beyond the mean one. `corners` (n_cells, 3, 2) are positions, `area`
+    (n_cells,) that of each cell.
     """
     sides = np.stack([(_side(corners, k) ** 2).sum(axis=1) for k in range(3)], axis=1)
     scale = 2 * area[:, None, None] / 3 / sides[:, :, None]

@@ -91,10 +91,10 @@ class SolverModel(ElementSet):
                 )
 
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
-        """The model's properties with the matrices that they multiply: its parameters, then its factors, then the loss factor.
+        """The model's parameters, factors and loss factor, in this order, as properties with matrices to multiply.
 
-        A part that depends on parameters is multiplied by the first of them; its other powers weigh it besides. The arguments
-        have no influence.
+        A part of a matrix that depends on parameters is multiplied by the first of them, relative to its reference; the
+        other powers are factors on its weight. The arguments have no influence.
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
@@ -280,7 +280,7 @@ class SolverFrfs(ElementSet):
 
 
 def _split_powers(part: Part) -> tuple[str, Powers]:
-    """The property that multiplies a part of a matrix, and the remaining (name, exponent) powers that weigh it besides.
+    """The property that multiplies a part of a matrix, and the remaining (name, exponent) powers in its weight.
 
     It is the first parameter of `part.powers`, whose exponent is lowered by 1; without powers, the kind of the matrix.
     """

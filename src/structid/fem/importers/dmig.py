@@ -129,7 +129,10 @@ def _read_header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int
 
 
 def _read_entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
-    """Entries on the `wanted` lines (mask): the row's grid point and component, real and imaginary part of each."""
+    """Entries on the `wanted` lines (mask): the row's grid point and component, real and imaginary part of each.
+
+    Blank groups of fields are left out. Raises `FileError` for a field that is no number.
+    """
     is_start = lines.card == np.arange(len(lines.card))
     parts = []
     for first, width, chosen in (
@@ -230,11 +233,13 @@ def _rectangular_matrix(name: str, rows: IntArray, columns: IntArray, values: np
 def file_text(path: Path, matrices: Sequence[ImportedMatrix], field: Field = "large") -> str:
     """DMIG cards of `matrices` as text, only the lower triangle of a symmetric one; `path` is for errors.
 
-    Large fields hold twelve digits of a positive number, small ones five; free fields are written with all digits, which
-    structid reads and a solver may round.
+    Large fields hold twelve digits of a positive number, small ones five; free fields are written with all digits,
+    which structid reads and a solver may round.
 
     Raises
     ------
+    InputError
+        If `field` is not "large", "small" or "free".
     FileError
         If a matrix has no numbering, or a name that is not 1 to 8 letters and digits.
     """

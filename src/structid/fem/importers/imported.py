@@ -260,8 +260,9 @@ def matrix_from_entries(
 ) -> ImportedMatrix:
     """A square matrix called `name` from entries; its rows are all nodes and components in them, sorted.
 
-    `rows` and `columns` (n_entries, 2) are node and component, `values` (n_entries,) real or complex; entries at the same
-    place add up. `symmetric` is as in `complete_triangles`.
+    `rows` and `columns` (n_entries, 2) are node and component, `values` (n_entries,) real or complex; entries at the
+    same place add up. A single stored triangle is completed unless `symmetric` is False; if it is True, `InputError` is
+    raised where two stored triangles disagree.
     """
     codes, index = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
     n = len(rows)

@@ -55,7 +55,7 @@ class Op4Options:
     single: bool = False
 
     def __post_init__(self) -> None:
-        """Check the layout, the byte order and the word size."""
+        """Raise `InputError` unless layout, byte order and word size are among those of the format."""
         if self.layout not in ("bigmat", "sparse", "dense"):
             raise InputError(f"`layout` must be 'bigmat', 'sparse' or 'dense', got {self.layout!r}")
         if self.byte_order not in ("little", "big") or self.words not in (32, 64):
@@ -170,10 +170,12 @@ def write_dmig(path: str | Path, matrices: Iterable[ImportedMatrix], field: Fiel
 
 
 def write_abaqus(path: str | Path, matrix: ImportedMatrix, form: Form = "labels") -> None:
-    """Write one matrix to `path` in a form of Abaqus (labels, coordinates, or its elements), whole or not at all.
+    """Write one matrix to `path` in a form of Abaqus ("labels", "coordinate" or "elements"), whole or not at all.
 
     Raises
     ------
+    InputError
+        If `form` is none of these.
     FileError
         If the matrix lacks what the form needs, or the file cannot be written.
     """

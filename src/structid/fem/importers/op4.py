@@ -125,7 +125,10 @@ def _word_format(content: bytes) -> _WordFormat | None:
 
 
 def _binary_matrices(path: Path, content: bytes, kind: _WordFormat) -> list[ImportedMatrix]:
-    """Every matrix in the bytes `content` of a binary OUTPUT4 file."""
+    """Every matrix in the bytes `content` of a binary OUTPUT4 file, in order; symmetric ones complete.
+
+    `kind` has byte order and word size. Raises `FileError`, which names `path`, if the file is cut short or damaged.
+    """
     read: list[ImportedMatrix] = []
     begin = 0
     padded = content + b"\0" * (-len(content) % 4)
@@ -178,8 +181,8 @@ def _read_header(path: Path, content: bytes, offset: int, kind: _WordFormat) -> 
 def _read_columns(path: Path, content: bytes, offset: int, kind: _WordFormat, header: _Header) -> tuple[IntArray, int]:
     """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix.
 
-    Columns count from 0; rows from 1, with 0 where strings follow. `content` is that of the file; the records begin at byte
-    `offset`.
+    Columns count from 0; rows from 1, with 0 where strings follow. `content` is that of the file; the records begin at
+    byte `offset`. Raises `FileError` for a record that is cut short or not possible.
     """
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
@@ -203,8 +206,8 @@ def _read_columns(path: Path, content: bytes, offset: int, kind: _WordFormat, he
 def _read_matrix(path: Path, view: NDArray[np.uint32], kind: _WordFormat, header: _Header, columns: IntArray) -> Any:
     """The sparse matrix of one header, put together from the strings in its column records.
 
-    `view` is the file as 32-bit words, `columns` (n_records, 4) the table of `_read_columns`. Raises `FileError` if entries
-    lie outside the matrix, or a string ends within a number or beyond its record.
+    `view` is the file as 32-bit words, `columns` (n_records, 4) the byte, column, row and number of words of each
+    record. Raises `FileError` if entries lie outside the matrix, or a string ends within a number or beyond its record.
     """
     is_complex = header.kind > 2
     single = header.kind % 2 == 1
@@ -230,8 +233,9 @@ def _string_table(
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """First byte, row and column (from 0) and number of words of each string, (n_strings,) each.
 
-    The k-th strings of all columns are read together. `view` is the file as 32-bit words, `columns` the table of column
-    records.
+    The k-th strings of all columns are read together. `view` is the file as 32-bit words, `columns` (n_records, 4) the
+    byte, column, row and number of words of each record. Raises `FileError` for a string that is longer than its
+    record.
     """
     start, column, row, words = columns.T
     dense = row > 0
@@ -348,7 +352,10 @@ class _Lines(NamedTuple):
 
 
 def _text_matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
-    """Every matrix in the text `content` of an ASCII OUTPUT4 file."""
+    """Every matrix in the text `content` of an ASCII OUTPUT4 file, in order; symmetric ones complete.
+
+    Raises `FileError`, which names `path` and mostly the line, if the file is cut short or damaged.
+    """
     lines = _Lines(path, content.split(b"\n"))
     length = np.array([len(line) for line in lines.text], dtype=np.int64) + 1
     offset = np.cumsum(length) - length

@@ -54,10 +54,11 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     path : str or Path
         Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``, universal ``.unv .uff``.
     length_unit : str
-        A unit of `structid.core.units.LENGTHS`, such as ``mm``: that of the coordinates in the file; those of the mesh are in m.
+        A unit of `structid.core.units.LENGTHS`, such as ``mm``: that of the coordinates in the file; those of the mesh
+        are in m.
     force_unit : str
-        A unit of `structid.core.units.FORCES`, such as ``N``. It gives, with the length and s, the units of masses and springs in
-        the file: with mm and N, masses are in tonnes.
+        A unit of `structid.core.units.FORCES`, such as ``N``. It gives, with the length and s, the units of masses and
+        springs in the file: with mm and N, masses are in tonnes.
 
     Returns
     -------
@@ -67,8 +68,11 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
 
     Raises
     ------
+    InputError
+        If a unit is not known.
     FileError
-        If the file is not of these kinds, is damaged, or is VTK and meshio is not installed.
+        If the file is not of these kinds, is damaged, has coordinates that are not finite or beyond `_FARTHEST`, or is
+        VTK and meshio is not installed.
     """
     readable = require_readable(path)
     reader = next((module for module in FORMATS if readable.suffix.lower() in module.SUFFIXES), None)

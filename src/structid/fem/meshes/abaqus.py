@@ -75,7 +75,11 @@ class _Reader:
         self._owners: dict[str, str] = {}
 
     def read(self) -> Assembly:
-        """Read all keywords of the file and return the assembly of its instances."""
+        """Read all keywords of the file and return the assembly of its instances.
+
+        Raises `FileError`, with the line, for a keyword that is not read or whose lines cannot be read, and if there
+        are no nodes or elements.
+        """
         for block in keyword_blocks(self._path):
             if block.keyword in _REFUSED:
                 raise FileError(
@@ -235,9 +239,9 @@ def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) 
 
 
 def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
-    """Positions (3,) in m of the nodes of the assembly itself (reference points), by label.
+    """Positions (3,) in m of the nodes of the assembly itself (reference points), by label in the mesh.
 
-    `factor` turns lengths of the file into m.
+    Empty without an assembly. `factor` turns lengths of the file into m.
     """
     assembly_part = assembly.own
     if assembly_part is None:
@@ -350,9 +354,10 @@ class _SectionOffsets:
         self._positions, self._length = positions, length
 
     def parts(self) -> list[DeckPart]:
-        """Deck parts of the offsets: by kind of section, apart for those that cannot be read, and then centroids of beams.
+        """Deck parts of the offsets by kind of section, apart for those that cannot be read, then centroids of beams.
 
-        Parts that cannot be taken say why in `obstacle`.
+        Parts that cannot be taken say why in `obstacle`; centroids and shear centres of beams are one such part. Empty
+        without any.
         """
         parts = []
         every = self._assembly.all_scopes
@@ -491,7 +496,10 @@ def _thickness(block: KeywordBlock) -> float:
 
 
 def _mean_direction(normals: Sequence[FloatArray]) -> FloatArray | None:
-    """The unit mean (3,) of the unit vectors `normals`; None if one of them is too far from it (`_SMOOTH`)."""
+    """The unit mean (3,) of the unit vectors `normals`; None if one of them is too far from it.
+
+    It is if the cosine of the angle to the mean is below `_SMOOTH`.
+    """
     total = np.sum(normals, axis=0)
     size = float(np.linalg.norm(total))
     if size == 0 or min(float(normal @ total) for normal in normals) < _SMOOTH * size:

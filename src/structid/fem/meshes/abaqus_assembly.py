@@ -159,8 +159,8 @@ class PartData:
     def move(self, rows: list[list[str]]) -> None:
         """Move the nodes to the place of the instance: by a shift, then by a rotation about a line, which sets `turn`.
 
-        `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if not
-        moved.
+        `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if
+        not moved. Raises `ValueError` if the second line has not seven numbers, or both points are one.
         """
         numbers = [[float(word) for word in row if word] for row in rows if any(row)]
         if not numbers or not self.nodes:
@@ -216,7 +216,10 @@ def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
 
 
 def _rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
-    """Rotation matrix (3, 3) about `axis` (3,) by an angle in degrees (Rodrigues)."""
+    """Rotation matrix (3, 3) about `axis` (3,) by an angle in degrees (Rodrigues).
+
+    Raises `ValueError` if the axis has no length.
+    """
     if not np.linalg.norm(axis):
         raise ValueError("the two points of the axis of rotation are one")
     x, y, z = axis / np.linalg.norm(axis)

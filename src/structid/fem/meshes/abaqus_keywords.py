@@ -39,12 +39,13 @@ class KeywordBlock:
 def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
     """Every keyword of the input file with its data lines, in order.
 
-    Included files (*INCLUDE) and data files (INPUT=) are read in place; lines before the first keyword are skipped.
+    Included files (*INCLUDE) and data files (INPUT=) are read in place; lines before the first keyword are skipped. A
+    block has the line number of its keyword, the options, and the words of each data line.
 
     Raises
     ------
     FileError
-        If an included file cannot be read.
+        If an included file cannot be read, or more than 20 files include one another.
     """
     block: KeywordBlock | None = None
     for number, text in _read_lines(path, path.parent, 0):

@@ -455,7 +455,11 @@ def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: Key
 
 
 def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """One part, with its obstacle ("" if none), of a *COUPLING block with the *KINEMATIC or *DISTRIBUTING keyword behind it."""
+    """One part, with its obstacle ("" if none), of a *COUPLING block and the *KINEMATIC or *DISTRIBUTING behind it.
+
+    Kinematic: nodes of the surface follow the reference node; distributing: it moves as their mean, weighted by area.
+    Raises `ValueError` if the surface or the node cannot be read.
+    """
     next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
     law = next_blocks[0].keyword if next_blocks else ""
     if law not in ("KINEMATIC", "DISTRIBUTING"):
@@ -581,7 +585,10 @@ def _tie_to_face(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint
 
 
 def _component_range(words: Sequence[str]) -> list[int]:
-    """Components (0 to 5) from the first to the last of `words`; all if there are none."""
+    """Components (0 to 5) from the first to the second of `words`, which count from 1.
+
+    All if there are no words; a single one if there is one.
+    """
     if not words:
         return list(range(6))
     first, last = int(words[0]), int(words[1] if len(words) > 1 else words[0])
@@ -596,7 +603,11 @@ def _follow_rigidly(
     nodes: Sequence[int],
     components: Sequence[int],
 ) -> tuple[str, DeckPart]:
-    """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5)."""
+    """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5).
+
+    `block` gives the kind of the part and whether its directions are turned, which is an obstacle. All six components
+    make one rigid link, others a constraint each.
+    """
     kind = block.keyword
     if block.options.get("ORIENTATION"):
         return "its directions have an orientation", DeckPart(kind, 1)

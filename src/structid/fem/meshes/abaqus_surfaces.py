@@ -193,9 +193,11 @@ class Footpoint:
 
 
 def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
-    """The point of a face nearest to `point` (3,), with the interpolation there and the motion of a point carried by the face.
+    """The point of a face nearest to `point` (3,), with the interpolation there and the motion it gives to `point`.
 
-    `corners` (n_nodes, 3) are positions of all nodes of the face, 3, 4, 6 or 8, in the unit of `point`.
+    `corners` (n_nodes, 3) are positions of all nodes of the face, 3, 4, 6 or 8, in the unit of `point`. The result has
+    the distance, the weights (n_nodes,) of the interpolation, and the motion (n_nodes, 3, 3) of `point`, carried by the
+    face, by that of each node.
     """
     shape = CELLS[_FACETS[len(corners)]]
     local = _nearest(shape, point, corners)

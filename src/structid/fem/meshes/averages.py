@@ -93,11 +93,11 @@ EquationRow = dict[tuple[int, str], float]
 def mean_rows(
     reference: int, axes: FloatArray, chosen: Sequence[int], components: Sequence[Component], mean: FloatArray
 ) -> list[EquationRow]:
-    """Equations, each a sum that is 0: a component of the reference node less that of the mean motion along the same direction.
+    """Equations, each a sum that is 0: a component of the reference node less that of the mean motion in its direction.
 
-    A row maps (node, direction) to its factor. `axes` (3, 3) are the reference node's own directions in global axes, as rows,
-    and `chosen` its components (0 to 5: translations along these directions, then rotations about them); `mean` (6,
-    n_components) is the map of `mean_motion`, in global axes.
+    A row maps (node, direction) to its factor. `axes` (3, 3) are the reference node's own directions in global axes, as
+    rows, and `chosen` its components (0 to 5: translations along these directions, then rotations about them); `mean`
+    (6, n_components) leads from `components` to the mean rigid motion, translations first, in global axes.
     """
     rows = []
     for component in chosen:

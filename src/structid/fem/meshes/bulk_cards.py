@@ -243,7 +243,10 @@ class Cards:
 
 
 def cards_of(text: BulkText, names: tuple[str, ...]) -> dict[str, Cards]:
-    """The cards of each of `names` that the text has, by name; names without cards are left out."""
+    """The cards of each of `names` that the text has, by name; names without cards are left out.
+
+    Raises `FileError` if a continuation line does not follow the line that it continues.
+    """
     lines = bulk_lines(text.path, names, text.content, whole_lines=True, origins=text.origins)
     if not len(lines.start):
         return {}
@@ -368,7 +371,10 @@ def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[by
 
 
 def _add_step(before: bytes, step: bytes, where: str) -> bytes:
-    """The number `before` plus `step`, as text; `where` is for errors."""
+    """The number `before` plus `step`, as text; whole numbers stay whole, and a blank `before` counts as 0.
+
+    Raises `FileError`, which begins with `where`, if one of them is no number.
+    """
     if _WHOLE.match(before or b"0") and _WHOLE.match(step):
         return b"%d" % (int(before or b"0") + int(step))
     try:

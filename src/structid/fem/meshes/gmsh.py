@@ -392,7 +392,10 @@ class _Binary:
         return self._next(np.dtype(self._order + "u8"), count).astype(np.int64)
 
     def counts(self, count: int) -> IntArray:
-        """The next `count` whole numbers, (count,), which stand on a line of text."""
+        """The next `count` whole numbers, (count,), which stand on a line of text; fewer if the line has fewer.
+
+        Raises `ValueError` for another word, or without a line end.
+        """
         stop = self._data.index(b"\n", self.offset)
         words = np.array(self._data[self.offset : stop].split()[:count]).astype(np.int64)
         self.offset = stop + 1

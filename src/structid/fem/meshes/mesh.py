@@ -249,7 +249,7 @@ def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
 def require_sound(
     mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse", take: str | Sequence[str] = ()
 ) -> Mesh:
-    """The mesh after checks: orphan nodes dropped and duplicate nodes merged if that is asked for, cells at their offsets.
+    """The mesh after checks, with orphan nodes dropped and duplicate ones merged on demand, and cells at their offsets.
 
     Parameters
     ----------
@@ -257,15 +257,17 @@ def require_sound(
     drop_orphans : bool
         True if nodes without a cell are left out instead of refused.
     duplicates : {"refuse", "merge", "keep"}
-        Treatment of nodes with one position: ``keep`` is for cracks and joints, where the parts are meant to move apart.
+        Treatment of nodes with one position: ``keep`` is for cracks and joints, where the parts are meant to move
+        apart.
     take : "all" or kinds
-        Parts beside the cells that are taken, see `choose_parts`: their nodes belong to them, and nodes at one place that one
-        of them joins stay apart.
+        Kinds of parts beside the cells that are taken: their nodes belong to them, and nodes at one place that one of
+        them joins stay apart.
 
     Raises
     ------
     InputError
-        If nodes repeat, lie at one place or belong to no cell, or cells name a node that is not there.
+        If nodes repeat, lie at one place or belong to no cell, cells name a node that is not there, a kind in `take` is
+        not in the deck or has no element, or a cell has two offsets.
     """
     parts = choose_parts(mesh.parts, take, mesh.source)
     mesh = _add_reference_points(mesh, parts)

@@ -100,7 +100,8 @@ class BulkSystems:
     def _grid_point(self, number: int, label: int, within: tuple[int, ...]) -> FloatArray:
         """Basic position (3,) of the grid point `label` that a coordinate system refers to.
 
-        `number` is that of the coordinate system; `within` are those being resolved.
+        `number` is that of the coordinate system; `within` are those being resolved. Raises `FileError` if the grid
+        point is not there, or its own system is not or is being resolved.
         """
         rows = np.flatnonzero(self.labels == label)
         if not len(rows):
