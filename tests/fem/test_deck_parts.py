@@ -212,6 +212,13 @@ def test_multi_point_constraints_are_those_of_the_set_that_is_asked_for(deck):
     assert dict(tie.depends_on) == pytest.approx({Dof(3, "Z"): 0.5, Dof(4, "RX"): -1.5e-3})
 
 
+def test_terms_of_a_constraint_along_turned_directions_add_up(deck):
+    cards = "CORD2R,1,,0.,0.,0.,0.,0.,1.\n,1.,1.,0.\nGRID,7,,3.,0.,0.,1\nMPC,1,2,1,1.,7,1,-1.\n,,7,2,-3.\nENDDATA\n"
+    moves = random_moves() | {7: np.array([0.3, -0.7, 0.2, 0.0, 0.0, 0.0])}
+    along = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]) @ moves[7][:3] / np.sqrt(2)
+    assert carried(part_of(deck(cards), "MPC").ties, moves) == pytest.approx({(2, "X"): along[0] + 3 * along[1]})
+
+
 def test_cards_without_an_element_are_listed(deck):
     mesh = deck("CGAP,1,1,2,3\nGENEL,2\nCFOO,3,1,2\nDMIG,K2GG,0,6,1,0\nCAERO1,5\nPSHELL,1,1,.1,,,,,4.\nENDDATA\n")
     assert {part.kind: (part.count, part.obstacle) for part in mesh.parts} == {

@@ -699,5 +699,7 @@ def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     first_axis = deck.axes_at(terms[0][0])[_component_indices(terms[0][1])[0] % 3]
     if np.abs(first_axis).max() < 1 - 1e-12:
         return _OBLIQUE, []
-    factors = {dof: -value / first[1] for dof, value in others}
+    factors: dict[Dof, float] = {}
+    for dof, value in others:
+        factors[dof] = factors.get(dof, 0.0) - value / first[1]
     return "", [Constraint(f"mpc {first[0].unsigned}", first[0], factors.items())]
