@@ -152,9 +152,10 @@ def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tupl
 def displacement_rows(data: ScaledMotion, s: ComplexArray) -> tuple[tuple[Dof, ...], ComplexArray]:
     """Degrees of freedom, and weights (n_dofs, n_channels, n_modes) that turn channels of `data` into displacements.
 
-    `s` (n_modes,) are the poles in rad/s. A channel of the k-th derivative holds s^k times the displacement, with noise in
-    proportion to its root mean square: weighted least squares over the channels at one place. If all channels have one
-    quantity, the weights are the identity and the quantity stays.
+    The displacement of mode k is weights[:, :, k] times the shape at the channels. `s` (n_modes,) are the poles in
+    rad/s. A channel of the n-th derivative holds s^n times the displacement, with noise in proportion to its root mean
+    square: weighted least squares over the channels of one degree of freedom. If all channels have one quantity, the
+    weights are the identity and shapes stay in that quantity.
     """
     dofs = tuple(dict.fromkeys(data.channels))
     if len(set(data.quantities)) == 1:
@@ -167,9 +168,10 @@ def displacement_rows(data: ScaledMotion, s: ComplexArray) -> tuple[tuple[Dof, .
 
 
 def require_length(data: ScaledMotion, lags: int, max_order: int) -> None:
-    """Raise `InputError` if a record holds fewer than 3 `lags` samples, or all too few for models of order `max_order`.
+    """Raise `InputError` if a record has fewer than 3 `lags` samples, or all too few for models of order `max_order`.
 
-    `lags` is the number of samples that the lags span; all records must hold `max_order` samples beyond it.
+    `lags` is the number of samples that the lags span. Over all records together, the samples beyond `lags` of each
+    must number at least `max_order`.
     """
     shortest = min(len(y) for y in data.series)
     needed = 3 * lags
@@ -192,15 +194,17 @@ def pieces(data: ScaledMotion, head: int, tail: int, n_pieces: int = 1) -> tuple
     Parameters
     ----------
     data : ScaledMotion
+        Records that are cut; `series` holds the samples of each.
     head, tail : int
-        Samples that each record needs before the first and from the last instant of a window on; no window covers them.
+        Numbers of samples at the begin and at the end of each record that no window covers.
     n_pieces : int
-        Number wanted over all records; each record has at least one.
+        Number of windows wanted over all records; each record has at least one.
 
     Returns
     -------
     tuple of RecordPiece
-        `part` of each is its number of samples over that of all windows.
+        Record index (from 0), first sample and sample after the last of each window, by record and time. `part` is its
+        number of samples over that of all windows.
     """
     lengths = np.array([len(y) - head - tail for y in data.series])
     counts = np.clip(np.round(n_pieces * lengths / lengths.sum()).astype(int), 1, np.maximum(lengths, 1))
@@ -287,10 +291,11 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
 def window_hankels(
     data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
-    """Block Hankel matrix of each window, in order, divided by the number of instants in all windows; they add up to the whole.
+    """Block Hankel matrix of each window, in order, divided by the number of instants in all windows.
 
-    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples. Each matrix is
-    (rows * n_channels, columns * n_channels); see `window_hankel`.
+    Summed over the windows they are the mean over all instants. Each is (rows * n_channels, columns * n_channels) with
+    block (i, j) y(t + offset + i) y(t - j)' summed over the instants t of its window, i and j from 0; y are the
+    channels of `data`. `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples.
     """
     total = sum(piece.stop - piece.start for piece in windows)
     for piece in windows:
@@ -301,10 +306,12 @@ def window_hankels(
 def lag_hankels(
     data: ScaledMotion, windows: Sequence[RecordPiece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
-    """Contribution of each window, in order, to the block Hankel matrix of the lag correlations; their sum is that matrix.
+    """Contribution of each window, in order, to the block Hankel matrix of the lag correlations; they add up to it.
 
-    `rows` and `columns` are numbers of blocks, `offset` is the lag of the first block in samples. Each matrix is
-    (rows * n_channels, columns * n_channels).
+    Each is (rows * n_channels, columns * n_channels); block (i, j) belongs to lag offset + i + j in samples, i and j
+    from 0. A product of two samples counts in the window that holds the earlier one (the last window of a record
+    reaches to its end), divided by the number of such products at that lag in all records. `rows` and `columns` are
+    numbers of blocks.
     """
     for piece in windows:
         y = data.series[piece.record]

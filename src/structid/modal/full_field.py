@@ -66,7 +66,7 @@ class SharedMotions:
 def sample_blocks(values: NDArray[np.floating]) -> Iterator[tuple[slice, NDArray[np.floating]]]:
     """Iterator over blocks of consecutive rows of `values`, which may be a memory map, as (slice of rows, array).
 
-    A block holds about four million entries, but at least `_ROWS` rows.
+    A block holds about four million entries, but at least 240 rows; the last one has the rows that are left.
     """
     step = max(_ROWS, _AT_ONCE // max(values.shape[1], 1))
     for start in range(0, len(values), step):
@@ -103,6 +103,12 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     rng : numpy.random.Generator, optional
         For the range finder; a fixed seed by default.
 
+    Returns
+    -------
+    SharedMotions
+        Orthonormal `basis` (n_channels, n_kept), strongest motion first, the `motions` (n_times, n_kept) along it, and
+        the fraction of the sum of squares that is `left_out`. At least one motion is kept.
+
     Raises
     ------
     InputError
@@ -111,9 +117,9 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     Notes
     -----
     With no more channels than samples, by the eigenvectors of the covariance: n^2 N operations for n channels and N
-    samples. With more, by a randomized range finder of about rank + `_OVERSAMPLING` columns: 4 n N (rank + 5) operations in two
-    passes over the samples, and no array larger than n (rank + 5) beside them. Products are taken in the precision of
-    the record, a few hundred samples or channels at a time, and added up in double precision.
+    samples. With more, by a randomized range finder of about rank + `_OVERSAMPLING` columns: 4 n N (rank + 5)
+    operations in two passes over the samples, and no array larger than n (rank + 5) beside them. Products are taken in
+    the precision of the record, a few hundred samples or channels at a time, and added up in double precision.
     """
     table = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=np.float64)
     if table.ndim != 2 or not np.issubdtype(table.dtype, np.floating):
@@ -214,7 +220,7 @@ def _square_sum(values: NDArray[np.floating]) -> float:
 
 
 def _nearly_orthonormal(sketch: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Basis Q of the column space of `sketch`, orthonormal within `_NEARLY` per entry of Q'Q, and Q'Q.
+    """Basis Q of the column space of `sketch`, with entries of Q'Q within 0.1 of the identity, and Q'Q (width, width).
 
     Q has the shape of `sketch` (n_channels, width). It is zero, with the identity, if `sketch` is not finite.
     """
@@ -249,13 +255,16 @@ def full_field_modes(
     sampling_rate : float
         Hz.
     channels : sequence of Dof or str
-        Place of each channel.
+        Degree of freedom of each channel.
     quantity : str
         Of all channels.
     rank : int
-        See `shared_motions`; more than the modes that move.
-    method, options
-        See `modal_identification`.
+        Greatest number of principal motions that the modes are sought in; more than the modes that move. Motions that
+        do not exceed white noise are left out.
+    method : str, optional
+        Name of an identification method for time records, ``pencil`` by default.
+    options : ModalOptions, optional
+        Settings of the identification.
 
     Returns
     -------
@@ -265,7 +274,10 @@ def full_field_modes(
     Raises
     ------
     InputError
-        As `shared_motions` and `modal_identification` do, or if names and channels differ in number.
+        If `values` are no finite samples with some motion, `rank` or an option does not fit, or names and channels
+        differ in number.
+    NoModesError
+        If no mode can be relied on.
 
     Examples
     --------

@@ -203,10 +203,11 @@ def pair_worth(
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
-    """Mode numbers in each set-up of every merged mode, (n_setups, n_modes), by mean frequency; -1 where it is missing.
+    """Indices (from 0) in each set-up of every merged mode, (n_setups, n_modes), by mean frequency; -1 if missing.
 
-    `shared` are the reference sensors; a pair is worth half as much at the logarithmic frequency distance `guard`. Modes that
-    only one set-up has are left out.
+    `shared` are the reference sensors; a pair is worth half as much at the logarithmic frequency distance `guard`. The
+    set-up with the most modes is grouped first; grouping is repeated until it settles, at most ten times. A mode joins
+    a group only if worth at least 0.5 there. Groups with a mode of only one set-up are left out.
     """
     worth = {(a, b): pair_worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
     order = sorted(range(len(setups)), key=lambda number: -setups[number].n_modes)
@@ -286,10 +287,10 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
 
 
 def _merge_matched(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
-    """`MergedModes` of the modes matched by `members`: weighted means of frequencies and damping ratios, and merged shapes.
+    """`MergedModes`, by rising mean frequency, of the modes matched by `members`: weighted means and merged shapes.
 
-    `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing. `notes` are the warnings so far; further
-    ones are appended to this list in place.
+    `members` (n_setups, n_modes) are mode indices (from 0) in each set-up, -1 where missing. `notes` are the warnings
+    so far; further ones are appended to this list in place.
     """
     n_setups, n_modes = members.shape
     frequency = np.array([_values_of(setup.frequency, row) for setup, row in zip(setups, members, strict=True)])
@@ -324,7 +325,8 @@ def _values_of(values: FloatArray, row: IntArray) -> FloatArray:
 def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
     """Covariance (2 n, 2 n) of n frequencies, then n damping ratios, of the modes `row` of a set-up.
 
-    `row` (n,) are mode numbers, -1 for a missing mode; its entries are NaN, and all are if the set-up states no covariance.
+    `row` (n,) are mode indices (from 0), -1 for a missing mode, whose rows and columns are NaN. All entries are NaN if
+    the set-up states no covariance.
     """
     covariance = np.full((2 * len(row), 2 * len(row)), np.nan)
     there = np.flatnonzero(row >= 0)
@@ -517,9 +519,10 @@ def _all_stated(
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
-    """Standard deviations of the shape entries of a mode, (n_channels,), as if the scale were free; NaN if unknown or 0.
+    """Standard deviations of the shape entries of the mode with index `mode`, (n_channels,), as if the scale were free.
 
-    Those that the set-up states are of shapes with the largest entry held fixed; see `unscaled_shape_std`.
+    NaN if unknown or 0. The set-up states those of shapes with the largest entry held at 1, whose error is in all other
+    entries instead; it is moved back to that entry, with errors of all entries taken as equal and independent.
     """
     if setup.shape_std is None:
         return np.full(len(setup.channels), np.nan)
@@ -629,8 +632,9 @@ def _deviation(
     """Standard deviation of the real part of shape / shape[largest], (n_channels,), to first order; 0 at `largest`.
 
     The Jacobian J of the products c psi of factors c and shape psi has columns c (for psi) and psi (for c). Real and
-    imaginary parts have equal errors, so (J^H W J)^-1 is the covariance of either part of the unknowns. `errors` are the
-    standard deviations of the parts' entries, `index` their channels, and `factors` (n_parts,) the scale of each part.
+    imaginary parts have equal errors, so (J^H W J)^-1 is the covariance of either part of the unknowns; the factor of
+    the first set-up is held fixed. `errors` and `index`, one array for each set-up, are the standard deviations of its
+    entries and their rows in `shape` (n_channels,); `factors` (n_setups,) are the complex scales.
     """
     n, m = len(shape), len(factors)
     rows = []

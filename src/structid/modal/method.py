@@ -71,7 +71,7 @@ class ModalOptions:
         return bands
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on a band that is no range in Hz, or a deviation that is not positive."""
+        """Raise `InputError` on an entry of `bands` that is no range in Hz, or a `deviation` that is not positive."""
         for band in self.bands or ():
             require_band("bands", band)
         if self.deviation is not None and not self.deviation > 0:
@@ -143,9 +143,9 @@ class ModalIdentification:
         return tuple(sorted({poles.order for poles in self.sweep}))
 
     def kept(self, keep: NDArray[np.bool_], words: str) -> ModalIdentification:
-        """Identification with only the modes where the mask `keep` (n_modes,) is true.
+        """Identification with only the modes where the mask `keep` (n_modes,) is true; itself if all are.
 
-        The others are added to `left_out` with reason `words`, and named in a further warning.
+        The modes left out are added to `left_out` with reason `words`, and a further warning lists their frequencies.
 
         Raises
         ------

@@ -44,7 +44,10 @@ class ModalChanges:
     mode_shapes: ComplexArray
 
     def __post_init__(self) -> None:
-        """Convert arrays to numbers and raise `InputError` on wrong shapes or values that are not finite."""
+        """Make arrays read-only and raise `InputError` on wrong shapes or values that are not finite.
+
+        With n changes: `frequency` and `damping_ratio` (n, n_modes), `mode_shapes` (n, n_channels, n_modes).
+        """
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
         object.__setattr__(self, "mode_shapes", locked(self.mode_shapes, np.complex128))
@@ -127,7 +130,10 @@ class ModalRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Convert arrays and raise `InputError` on wrong shapes, unsorted or invalid frequencies."""
+        """Make arrays read-only and raise `InputError` on wrong shapes, or frequencies negative or not sorted.
+
+        An entry of a shape with a NaN real or imaginary part becomes NaN in both, and so does its standard deviation.
+        """
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
         is_complex = np.iscomplexobj(self.mode_shapes)
@@ -218,7 +224,7 @@ class ModalRecord(Shown):
         return np.asarray(self.omega * (-ratio + 1j * np.sqrt(1 - ratio**2)))
 
     def some_modes(self, indices: Sequence[int] | IntArray) -> ModalRecord:
-        """Copy with the modes at `indices` (from 0), in increasing order, and their covariances."""
+        """Copy with the modes at `indices` (from 0), in increasing order, and what is known of their errors."""
         keep = np.sort(np.asarray(indices, dtype=int))
         both = np.concatenate([keep, keep + self.n_modes])
         own = self.changes
@@ -285,8 +291,9 @@ def by_frequency(
 def joined(parts: Sequence[ModalRecord], warnings: Sequence[str], source: str) -> ModalRecord:
     """`ModalRecord` of the modes of several records with the same channels, sorted by frequency.
 
-    Covariances between parts are 0; the covariance is None if a part has none, and so for `shape_std`. `warnings` and
-    `source` are those of the result; the scaling is that of the first part.
+    Covariances between modes of different `parts` are 0; the covariance is None if a part has none, and so is
+    `shape_std`. `warnings` and `source` are those of the result; the scaling is that of the first part, and `changes`
+    are dropped.
     """
     n = sum(part.n_modes for part in parts)
     covariance, before = np.zeros((2, n, 2, n)), 0

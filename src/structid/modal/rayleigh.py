@@ -172,11 +172,24 @@ def stationary_values(
     n_modes: int | None = None,
     tolerance: float = 1e-12,
 ) -> StationaryValues:
-    """Stationary values of the pseudo-Rayleigh quotient and their vectors, behind `pseudo_rayleigh` (same arguments).
+    """Stationary values of the pseudo-Rayleigh quotient x' B x / x' A x with A = <y y'>, and their vectors.
 
     y is first brought to independent motions z with <z z'> = 1, by a QR and a singular value decomposition of the
-    samples; A itself, whose condition number is the square of theirs, is never formed. None for `rule` takes the one
-    that suits the `form`, None for `n_modes` all.
+    samples; A itself, whose condition number is the square of theirs, is never formed.
+
+    Parameters
+    ----------
+    records : TimeRecord or sequence of them
+        Free responses; averages < > over time are summed over them.
+    pair, form, rule, n_modes, tolerance
+        Measured quantities, form of B, rule of quadrature, greatest number of motions and least relative eigenvalue of
+        A, as `pseudo_rayleigh` takes them. None for `rule` is ``gregory`` for ``end_corrected``, else ``trapezoid``;
+        None for `n_modes` keeps all motions.
+
+    Returns
+    -------
+    StationaryValues
+        Sorted by real part.
 
     Raises
     ------
@@ -306,9 +319,10 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
 
 
 def _inverse_shapes(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
-    """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal.
+    """Phi (Phi' M Phi)^-1, (n_channels, n_modes), for `shapes` Phi (n_channels, n_modes) and the mass matrix M.
 
-    `InputError` if `mass` has a wrong shape or Phi' M Phi is nearly singular.
+    `mass` is M (n_channels, n_channels) or its diagonal (n_channels,). `InputError` if it has a wrong shape or is not
+    finite, or the condition number of Phi' M Phi exceeds 1e12.
     """
     matrix = locked(mass, np.float64)
     require_finite("mass", matrix)
@@ -353,9 +367,11 @@ def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
 def _doubt_notes(
     stationary: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None
 ) -> tuple[str, ...]:
-    """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing.
+    """Warnings on what makes the modes of a pseudo-Rayleigh quotient doubtful; () if nothing does.
 
-    `pair` and `form` are the options of `pseudo_rayleigh`. `n_modes` is the number asked for, None for all.
+    Causes: fewer motions than channels, less than half a period, close frequencies, accelerations that no constant
+    matrix explains. `omega` holds circular frequencies (rad/s), increasing; `pair` and `form` are the options of
+    `pseudo_rayleigh`. `n_modes` is the number asked for, None for all.
     """
     motion, gram, rank = stationary.motion, stationary.gram_eigenvalues, len(stationary.eigenvalues)
     # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one
@@ -500,10 +516,11 @@ class FreeMotion:
 
     @property
     def misfit(self) -> float:
-        """Relative RMS part (0 to 1) of the acceleration that no constant matrix times the motion explains; 0 without motion.
+        """Relative RMS part (0 to 1) of the acceleration that no constant matrix times the motion explains.
 
-        Undamped modes, no more than channels, leave nothing, whatever the step: the second difference of cos(w t) is
-        -(4/h^2) sin^2(w h/2) cos(w t), and the central difference of its derivative -(w/h) sin(w h) cos(w t).
+        It is 0 without acceleration. Undamped modes, no more than channels, leave nothing, whatever the step: the
+        second difference of cos(w t) is -(4/h^2) sin^2(w h/2) cos(w t), and the central difference of its derivative
+        -(w/h) sin(w h) cos(w t).
         """
         triangle = np.asarray(np.linalg.qr(np.concatenate([self.inner, self.curvature], axis=1), mode="r"))
         x, y = triangle[:, : len(self.channels)], triangle[:, len(self.channels) :]
@@ -521,13 +538,19 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
     quantities : one or two names
         The first quantity, and the one that holds its first or second derivative. With one name the second
         derivative is taken by differences of samples; the first and last sample of each record then drop out.
-    rule : str
-        See `sample_weights`.
+    rule : {"trapezoid", "left", "interior", "gregory"}
+        Quadrature of the averages over time; with one name all inner samples count alike.
+
+    Returns
+    -------
+    FreeMotion
+        Rows of all records one after another; the duration is the longest, the step (s) that of the first record.
 
     Raises
     ------
     InputError
-        If a record lacks a quantity or has other channels, samples are too few, or sampling steps differ for differences.
+        If a record lacks a quantity or has other channels, samples are too few, or sampling steps differ for
+        differences.
     """
     channels = _channels(records, quantities)
     parts = [_one_record(record, channels, quantities, rule) for record in records]
@@ -553,9 +576,12 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
 
 
 def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
-    """`FreeMotion` of one record, weighted for time averages by the `rule`; arguments as in `free_motion`.
+    """`FreeMotion` of one record, with matrices in the order of `channels`, weighted for time averages by the `rule`.
 
-    Its `ends` are the boundary terms times the duration. The matrices are in the order of `channels`.
+    `quantities` are the motion and the one that holds its first or second derivative (with its sign changed); with one
+    name the second derivative is taken by differences, and the first and last sample drop out. `rule` is that of
+    `sample_weights`. `ends` are the boundary terms [ydot y'], not yet over the duration; 0 unless a first derivative is
+    measured.
     """
     base, *measured = (_columns(record, channels, quantity) for quantity in quantities)
     step, inner, no_ends = 1 / record.sampling_rate, base[1:-1], np.zeros((len(channels),) * 2)
@@ -576,7 +602,8 @@ def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Seque
 def _channels(records: Sequence[TimeRecord], quantities: Sequence[str]) -> tuple[Dof, ...]:
     """Degrees of freedom with all `quantities` in every record, in the order of the first record.
 
-    `InputError` if a quantity is missing, degrees of freedom differ, or samples are too few.
+    `InputError` if a quantity is missing, degrees of freedom differ, a record has fewer than 3 samples, or all have
+    fewer than 2 n_channels + 2.
     """
     if not records:
         raise InputError("`records` must hold at least one TimeRecord, got none")

@@ -24,14 +24,15 @@ _FIRST, _WIDTH = 13, 12
 
 
 def frd_modes(path: Path, text: str) -> PrintedModes:
-    """Modes with displacements in the `text` of a CalculiX result file (blocks ``100CL`` called MODAL).
+    """Modes with displacements in the `text` of a CalculiX result file (blocks ``100CL`` called MODAL), in order.
 
-    Empty if there is none.
+    Eigenvalues are i omega in rad/s, values (n_points, 6) with NaN for rotations, and the generalized mass is NaN where
+    none is printed. There is no mode if the file has none. `path` is for errors.
 
     Raises
     ------
     FileError
-        If the file is cut short.
+        If the file is cut short, or a displacement is no number.
     """
     lines = text.splitlines()
     modes: list[PrintedMode] = []

@@ -91,9 +91,11 @@ class _Table(NamedTuple):
 
 
 def _read_table(path: Path) -> _Table:
-    """Table of modes in the text file at `path`, in rows or columns, separated by commas, semicolons or tabs.
+    """Table of modes in the text file at `path`, one row a mode, from commas, semicolons or tabs as separators.
 
-    `FileError` if it is no such table in UTF-8, or has no column of frequencies or no mode.
+    A table with one column a mode is transposed. Names of columns become those of this module, and decimal commas
+    points (unless commas separate). `FileError` if it is no such table in UTF-8, lines differ in their number of cells,
+    a column is doubled or in an unknown unit, decimal signs are mixed, or there is no column of frequencies or no mode.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -216,11 +218,12 @@ def _is_channel(word: str) -> bool:
 
 
 def read_modes_csv(path: Path) -> ModalRecord:
-    """Modes in the CSV table at `path`; it needs ``frequency_hz`` and a column for each channel, others are optional.
+    """Modes in the CSV table at `path`, by rising frequency: column ``frequency_hz``, and one for each channel.
 
     ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a
     table with one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry
-    that is blank or ``nan`` is unknown.
+    that is blank or ``nan`` is unknown. Shapes get the largest entry 1 unless the column ``scaling`` says mass. Errors
+    of frequencies and damping ratios count as independent; the covariance is None if no deviation is stated.
 
     Raises
     ------

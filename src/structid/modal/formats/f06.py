@@ -256,8 +256,10 @@ class _Listing:
     def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
         """The six numbers of a row as texts, from columns of 15 that begin at column index `first`; "" for a blank one.
 
-        `is_grid` says that the row is of a grid point, which has six numbers or the first three, `is_phase` that these
-        are phases. `FileError` if a text is no number. `line` is the text and `number` that of the line in the file.
+        Where the row is not set in these columns, its words are returned, as many as there are. `is_grid` says that the
+        row is of a grid point, which has six numbers or the first three, `is_phase` that they are phases. `FileError`
+        if a text is no number or some are missing. `line` is the text and `number` that of the line in the file.
+        `first_column` is set.
         """
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]
@@ -288,12 +290,17 @@ class _Listing:
 
 
 def f06_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
-    """Vibration modes in the `text` of a Nastran f06 listing; no mode if it has no vectors.
+    """Vibration modes in the `text` of a Nastran f06 listing, in the units of the model; no mode if it has no vectors.
+
+    `options` choose the subcase, and real or complex modes where the listing has both. Eigenvalues are s in rad/s, of
+    complex modes those with a positive imaginary part; generalized masses are NaN where none is printed. `path` is for
+    errors.
 
     Raises
     ------
     FileError
-        If the run failed, is one of buckling or several runs have modes, a vector has no frequency, or a row is damaged.
+        If the run failed, is one of buckling or several runs have modes, a vector has no frequency, or a row is
+        damaged.
     """
     lines = text.splitlines()
     listing = _Listing(path)
@@ -324,10 +331,11 @@ def f06_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
 def _real_eigenvalues(
     path: Path, listing: _Listing, keys: Sequence[VectorKey]
 ) -> tuple[list[complex], list[float], tuple[str, ...]]:
-    """Eigenvalues s (rad/s) and generalized masses of the undamped modes `keys`, in their order, and notes.
+    """Eigenvalues s = i omega (rad/s) and generalized masses of the undamped modes `keys`, in their order, and notes.
 
-    They come from the pages of the vectors and the eigenvalue table; a mass is NaN where none is printed. `FileError` if a mode
-    has no eigenvalue, the analysis is of buckling, or an eigenvalue is negative.
+    Eigenvalues come from the pages of the vectors or, where these print none, from the eigenvalue table; masses from
+    the row of the table with the same eigenvalue, NaN where there is none. A note names the first page that contradicts
+    the table. `FileError` if a mode has no eigenvalue, the analysis is of buckling, or an eigenvalue is negative.
     """
     squares: list[float] = []
     masses: list[float] = []
@@ -361,9 +369,10 @@ def _real_eigenvalues(
 
 
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex, mass: float) -> PrintedMode:
-    """`PrintedMode` from the rows of its vector; `FileError` if a row is incomplete or a value is not finite.
+    """`PrintedMode` from the rows of a vector: values (n_points, 6), complex for a complex vector, NaN where blank.
 
-    `eigenvalue` is s in rad/s, `mass` the generalized mass (NaN if not printed).
+    `eigenvalue` is s in rad/s, `mass` the generalized mass (NaN if not printed). `FileError` if a row is incomplete or
+    a value is not finite.
     """
     rows = list(vector.rows.values())
     n_parts = 2 if vector.is_complex else 1

@@ -99,8 +99,11 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
 
     Parameters
     ----------
+    path : str or Path
+        Ends in ``.json``, ``.csv``, or a suffix of universal or Nastran punch files; an existing file is replaced.
+    modes : ModalRecord
     geometry : Geometry, optional
-        Nodes and lines of the test, which universal files hold (datasets 15, 2411, 82).
+        Nodes and lines of the test, which universal files hold (datasets 15, 2411, 82); other formats ignore it.
 
     Raises
     ------
@@ -173,9 +176,9 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
 
 
 def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
-    """`ModalChanges` stored in the fields `data` of modes.json; None without. `shape` is (n_channels, n_modes).
+    """`ModalChanges` from the field `changes` of the fields `data` of a modes.json; None if it has no such field.
 
-    `FileError` if the tables do not have the shape.
+    `shape` is (n_channels, n_modes) of the mode shapes. `FileError` if the tables do not have the shape.
     """
     tables = data.get("changes")
     if tables is None:

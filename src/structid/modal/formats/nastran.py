@@ -47,13 +47,14 @@ def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> Printed
 def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> ModalRecord:
     """The modes of a Nastran listing, punch file or binary file at the directions that move, largest entry 1.
 
-    Rotations are left out unless `options` state the unit of length: beside translations they have a meaning only in
-    metres.
+    The scaling is modal mass 1 where `options` state units of length and force. Rotations are left out unless they
+    state the unit of length: beside translations they have a meaning only in metres. With `options.deck`, motions are
+    turned from the displacement systems that this bulk data file defines to global axes; else they are taken as global.
 
     Raises
     ------
     FileError
-        If there are none, or points differ from mode to mode.
+        If there are none, points differ from mode to mode, or the deck lacks a point.
     """
     options = options or ModeFileOptions()
     printed = nastran_modes(path, options)

@@ -66,12 +66,17 @@ class _Table:
 
 
 def op2_modes(path: Path, options: ModeFileOptions) -> PrintedModes:
-    """Vibration modes in a Nastran op2 file; no mode if it has no vectors.
+    """Vibration modes in a Nastran op2 file, in the units of the model; no mode if it has no vectors.
+
+    `options` choose the subcase, and real or complex modes where the file has both. Eigenvalues are s in rad/s, of
+    complex modes those with a positive imaginary part; generalized masses are NaN unless the file's table has the same
+    eigenvalue.
 
     Raises
     ------
     FileError
-        If the file is cut short or is none, or several runs have modes.
+        If the file is cut short or is none, several runs have modes, a vector is stored twice, or a deck is named whose
+        displacement systems the file's vectors may not have.
     """
     content = path.read_bytes()
     words = _words_of(path, content)
@@ -137,7 +142,11 @@ def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
 
 
 def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
-    """Tables of the op2 file `content` in their order, each with its name and parts; `FileError` if it is cut short."""
+    """Tables of the op2 file `content` in the file's order: name, and the data in bytes of each part from the third on.
+
+    Parts alternate: heading, then values. Tables without a name (matrices) are left out. `FileError` if the file is cut
+    short or a record has the wrong length.
+    """
     records = _records(path, content, words)
     table: _Table | None = None
     part = 0

@@ -115,9 +115,10 @@ def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) 
 def oscillating(
     path: Path, keys: Sequence[VectorKey], s: Sequence[complex]
 ) -> tuple[list[tuple[VectorKey, complex]], tuple[str, ...]]:
-    """Vectors with a positive frequency, each as (key, eigenvalue in rad/s), and notes on those left out.
+    """Vectors with a positive frequency, each as (key, eigenvalue in rad/s), and a note on real eigenvalues left out.
 
-    Each stands for a conjugate pair; `s` are the eigenvalues of `keys` in rad/s.
+    Each stands for a conjugate pair, whose eigenvalue with negative imaginary part is left out without a note; `s` are
+    the eigenvalues of `keys` in rad/s. The notes are () if no eigenvalue is real.
 
     Raises
     ------
@@ -133,6 +134,8 @@ def oscillating(
 
 def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
     """Eigenvalues s = i omega (rad/s) of undamped modes from `squares` omega^2; values negative by rounding become 0.
+
+    Rounding is up to 1e-6 of the largest magnitude, or 1e-3 (rad/s)^2 if that is more.
 
     Raises
     ------
@@ -197,10 +200,11 @@ def printed_record(
     axes: Mapping[int, FloatArray] | None = None,
     words: Sequence[str] = (),
 ) -> ModalRecord:
-    """The modal record, in SI units, of printed modes at the directions that move.
+    """Modal record, in SI units, of printed modes at the directions that move, by rising frequency; largest entry 1.
 
-    Rotations are kept where the unit of length is stated, as their size beside translations goes with it; a modal mass of 1
-    where the unit of force is stated too and generalized masses are printed.
+    Rotations are kept where `options` state the unit of length, as their size beside translations depends on it. Where
+    they state the unit of force too and generalized masses are printed, shapes have modal mass 1. Damping ratios are
+    NaN if all eigenvalues are on the imaginary axis.
 
     Parameters
     ----------

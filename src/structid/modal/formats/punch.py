@@ -85,7 +85,11 @@ def modes_punch(path: Path, modes: ModalRecord) -> str:
 
 
 def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
-    """Vibration modes in the `text` of a Nastran punch file; no mode if it has no vectors.
+    """Vibration modes in the `text` of a Nastran punch file, in the units of the model; no mode if it has no vectors.
+
+    `options` choose the subcase, and real or complex modes where the file has both. Eigenvalues are s in rad/s, of
+    complex modes those with a positive imaginary part; generalized masses are NaN, as the file has none. `path` is for
+    errors.
 
     Raises
     ------
@@ -178,9 +182,10 @@ def _add(path: Path, number: int, vector: _Vector, node: int, values: list[str])
 
 
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -> PrintedMode:
-    """`PrintedMode` from the rows of its vector; `FileError` if a row is incomplete or a value is not finite.
+    """`PrintedMode` from the rows of a vector in a punch file: values (n_points, 6), complex for a complex vector.
 
-    `eigenvalue` is s in rad/s.
+    `eigenvalue` is s in rad/s; the generalized mass is NaN. `FileError` if a row is incomplete or a value is not
+    finite.
     """
     width = _FORMS[vector.form]
     for node, values in vector.rows.items():

@@ -56,13 +56,13 @@ T = TypeVar("T")
 
 
 def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) -> bytes:
-    """Content of a universal file of `modes` in SI units, with the geometry if given.
+    """Content of a universal file of `modes` in SI units, with the nodes and lines of `geometry` if given.
 
     Raises
     ------
     FileError
-        If two channels are one direction at one node, which the format holds once, or an entry of a shape is unknown, for
-        which it has no sign.
+        If two channels are one direction at one node, which the format holds once, an entry of a shape is unknown, for
+        which it has no sign, or a node has more than ten digits.
     """
     if not modes.known.all():
         raise FileError(
@@ -272,7 +272,7 @@ def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_
 
 
 def _require_vibrations(modes: list[_Mode]) -> None:
-    """Raise `FileError` if modes are overdamped or one of them is stored twice."""
+    """Raise `FileError` if a damping ratio is 1 or more, or two modes in succession have equal poles and shapes."""
     for mode in modes:
         if mode.damping_ratio >= 1:
             raise FileError(
@@ -306,7 +306,10 @@ def _units(path: Path, blocks: Sequence[UffDataset], options: ModeFileOptions) -
 
 
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
-    """Factors that scale each shape to unit modal mass (kg); [] if they cannot be used, with a remark in `notes` where stated.
+    """Complex factors, one for each mode, that turn shapes into displacements of unit modal mass (kg).
+
+    They are [] if no mode states a modal mass, and also, with a remark in `notes`, if one states none, a file does not
+    say that its shapes are displacements, velocities or accelerations, or one of the latter two is at 0 Hz.
 
     Parameters
     ----------
@@ -367,7 +370,7 @@ def _turn_to_global_axes(
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
     """Mode in one dataset 55 of a universal file (its `lines`), or words on why it holds no mode.
 
-    `where` names the dataset in errors.
+    `where` names the dataset in errors. `FileError` if a record is damaged, too short or not finite.
     """
     kind = _Kind(*_integers_of(where, lines, 5, 6, "record 6"))
     if words := kind.objection():
@@ -388,7 +391,7 @@ def _read_55(where: str, lines: list[str]) -> _Mode | str:
 def _read_2414(where: str, lines: list[str]) -> _Mode | str:
     """Mode in one dataset 2414 of a universal file (its `lines`), or words on why it holds no mode.
 
-    `where` names the dataset in errors.
+    `where` names the dataset in errors. `FileError` if a record is damaged, too short or not finite.
     """
     (location,) = _integers_of(where, lines, 2, 1, "record 3")
     kind = _Kind(*_integers_of(where, lines, 8, 6, "record 9"))

@@ -70,7 +70,10 @@ class FrfBand:
 
 
 def frf_band(record: FrfRecord, low: float, high: float) -> FrfBand:
-    """The lines of `record` from `low` to `high` Hz, without that at 0 Hz, each FRF scaled by output and input.
+    """Lines of `record` from `low` to `high` Hz, but not at 0 Hz, each FRF over the scales of output and input.
+
+    The scale of an output is its root mean square over lines and inputs, that of an input over lines and scaled
+    outputs. The variance is not below rounding of the FRF; it is None if the record has none or zeros only in the band.
 
     Raises
     ------
@@ -110,21 +113,21 @@ class PoleSweep:
 
 
 def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriteria) -> PoleSweep:
-    """Poles of each order inside the band that meet the damping limits, with their participation and displacement shapes.
+    """Poles of each order inside the band that meet the damping limits, with participation and displacement shapes.
 
     Parameters
     ----------
     band : FrfBand
     orders : sequence of int, optional
-        Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up. By default as `polynomial_orders`
-        says.
+        Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up. By default polynomials of
+        order 2 and more, up to 60 or as lines, inputs and outputs allow.
     criteria : HardCriteria
         Its range of damping ratios is used only.
 
     Returns
     -------
     PoleSweep
-        Orders increase, the poles of each by |s|.
+        Orders increase, the poles of each by |s|; shapes are multiplied by the scales of the outputs.
     """
     n_inputs = band.values.shape[2]
     degrees = polynomial_orders(band.values.shape, orders)
@@ -164,12 +167,12 @@ def _energy_fractions(s: ComplexArray, shapes: ComplexArray, participation: Comp
 
 
 def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> list[int]:
-    """Orders n of the polynomials to try, increasing: those for the numbers of states `given`, else up to 60.
+    """Orders n of the polynomials to try, increasing: `given` / n_inputs rounded up, or 2 to at most 60 by default.
 
-    FRFs of L lines, p outputs and m inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share,
-    and n m for each output. Four values a coefficient leave room for n up to L / 4 with one FRF, and to nearly L / 2 with many
-    outputs. Above the highest default order (60) the limit is L / 4, since every order above adds poles that fit noise, each of
-    them to be refined.
+    The default takes every order, or every second one if the greatest is above 20. FRFs of L lines, p outputs and m
+    inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share, and n m for each output. Four
+    values a coefficient leave room for n up to L / 4 with one FRF, and to nearly L / 2 with many outputs. Above order
+    60 the limit is L / 4, since every order above adds poles that fit noise, each of them to be refined.
 
     Parameters
     ----------
@@ -237,7 +240,7 @@ def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> It
 
 
 def right_poles(denominator: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Poles z in the upper half plane with det A(z) = 0, and left null vectors w with w' A(z) = 0, largest entry 1.
+    """Poles z in the upper half plane with det A(z) = 0, and vectors w with A(z)^T w = 0, largest entry 1.
 
     Parameters
     ----------

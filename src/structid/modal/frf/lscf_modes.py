@@ -88,9 +88,10 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
 
 
 def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]]:
-    """Frequency bands (low, high), Hz, in which modes are identified: those of the options, or the range of the criteria.
+    """Frequency bands (low, high), Hz, rising, in which modes are identified: `options.bands`, or by the criteria.
 
-    `InputError` unless the record is one of FRFs, or if two bands overlap.
+    Without `bands` it is the frequency range of `options.criteria`, cut to the lines of the record. `InputError` unless
+    the record is one of FRFs, or if two bands overlap.
     """
     if not isinstance(record, FrfRecord):
         raise InputError("`record` must be an FrfRecord; compute FRFs with frf_from_time, which needs a force channel")
@@ -273,9 +274,11 @@ def _data(band: FrfBand, variance: FloatArray | None) -> FrfData:
 
 
 def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) -> FloatArray:
-    """Mean square residual around each line, that line left out, (n_lines, n_outputs, n_inputs), in the scale of `band`.
+    """Mean square residual of the lines around each line, itself left out, (n_lines, n_outputs, n_inputs).
 
-    It is not below rounding. A weight that included the error of its own line would make that error look small.
+    The FRFs are in the scale of `band`. The lines around are 15 on either side, or n_lines / 80 if that is more. The
+    mean is not below rounding of the largest FRF. A weight that included the error of its own line would make that
+    error look small.
     """
     scale = band.output_scale[:, None] * band.input_scale
     power = np.abs(residuals(data, at) / data.weights / scale) ** 2
@@ -288,7 +291,10 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 
 
 def _is_lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
-    """Mask (n_modes,) of the poles that left the edges of the band or the range of damping ratios during the fit."""
+    """Mask (n_modes,) of poles that the fit moved out of the band, the damping range or the upper half plane.
+
+    A damping ratio must be within `options.criteria`; its frequency range has no part.
+    """
     size = np.abs(at.poles)
     frequency, (low, high) = size / (2 * np.pi), band.edges
     inside = replace(options.criteria, frequency=(0.0, np.inf)).meets(frequency, -at.poles.real / size)
@@ -312,7 +318,8 @@ def _excess(data: FrfData, at: PolesAndParticipation) -> float:
 def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRecord:
     """Modal record of the modes of all bands; errors of different bands are independent, since their lines are.
 
-    Shapes have modal mass 1 if a driving point shows the mass of every mode, else largest entry 1 and a warning.
+    Shapes have modal mass 1 if a driving point shows the mass of every mode, else largest entry 1 (and a warning if
+    there is a driving point). Covariance and standard deviations are NaN for a band whose refinement did not converge.
     """
     driving = [
         DrivingPoint(o, i, out.sign * load.sign)

@@ -80,9 +80,10 @@ class PolesAndParticipation:
 
     @property
     def free(self) -> IntArray:
-        """Column numbers of `slopes` that belong to free unknowns, (n_unknowns,).
+        """Column numbers of `slopes` that belong to free unknowns, (n_unknowns,), for poles p and participation l.
 
-        The order is Re p, Im p, then Re l, Im l of the entries not held, without modes that are `fixed`.
+        The order is Re p, Im p, then Re l, Im l input by input, without modes that are `fixed` and, in each mode,
+        without the input of the largest participation, whose l stays.
         """
         n_inputs, n = self.participation.shape
         moving = np.flatnonzero(~self.fixed)
@@ -191,7 +192,10 @@ def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
 
 
 def misfit(data: FrfData, at: PolesAndParticipation) -> float:
-    """Sum of squares of the weighted residual with the outputs' own terms fitted; infinite if these are linearly dependent."""
+    """Sum of squares of the weighted FRF residual at the poles and participation `at`, with all linear unknowns fitted.
+
+    These are each output's shape entries and terms for modes outside the band; infinite if they are linearly dependent.
+    """
     columns, total = terms(data.laplace, at.poles, at.participation, data.power, data.outside), 0.0
     for o in range(data.values.shape[1]):
         with_values = np.concatenate([columns, data.values[:, o, :, None]], axis=2)

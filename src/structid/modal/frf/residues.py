@@ -67,10 +67,16 @@ def slopes(
 
     Parameters
     ----------
-    laplace, poles, participation, power
-        As in `terms`.
+    laplace : (n_lines,) complex array
+        Laplace variable of the lines, 1/s, nowhere 0.
+    poles : (n_modes,) complex array
+        p, in the upper half plane, rad/s.
+    participation : (n_inputs, n_modes) complex array
+        l.
     shape : (n_modes,) complex array
         Entry of this output in each shape.
+    power : int
+        0, 1 or 2 for receptance, mobility or accelerance.
 
     Returns
     -------
@@ -114,16 +120,22 @@ def residue_shapes(
 ) -> ComplexArray:
     """Shapes phi of all outputs, (n_outputs, n_modes), by least squares with poles and participation held.
 
-    `power` is 0, 1 or 2 for receptance, mobility or accelerance.
+    Terms for modes outside the band are fitted along and dropped. Where the regressors are linearly dependent, the
+    solution of least norm is taken.
 
     Parameters
     ----------
-    laplace, poles, participation, power
-        As in `terms`.
+    laplace : (n_lines,) complex array
+        Laplace variable of the lines, 1/s, nowhere 0.
     values : (n_lines, n_outputs, n_inputs) complex array
         FRFs.
     weights : (n_lines, n_inputs) float array
         The same for all outputs, which share one factorization.
+    poles : (n_modes,) complex array
+        In the upper half plane, rad/s.
+    participation : (n_inputs, n_modes) complex array
+    power : int
+        0, 1 or 2 for receptance, mobility or accelerance.
     """
     matrix = weighted(terms(laplace, poles, participation, power), weights)
     right = weighted(values.transpose(0, 2, 1), weights)

@@ -38,7 +38,10 @@ class Poles:
     energy: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Convert arrays to numbers and raise `InputError` on wrong shapes or values that are not finite."""
+        """Make arrays read-only and raise `InputError` on wrong shapes, or poles or shapes that are not finite.
+
+        `energy` None becomes NaN for each pole.
+        """
         object.__setattr__(self, "poles", locked(self.poles, np.complex128))
         energy = np.full(len(self.poles), np.nan) if self.energy is None else self.energy
         object.__setattr__(self, "energy", locked(energy, np.float64))
@@ -114,7 +117,7 @@ class HardCriteria:
         return np.asarray(good & (ratio >= self.damping_ratio[0]) & (ratio <= self.damping_ratio[1]))
 
     def indices(self, poles: Poles) -> IntArray:
-        """Indices of the `poles` that meet all criteria."""
+        """Indices (from 0), increasing, of the `poles` within both ranges and with the least MPC or more."""
         good = self.meets(poles.frequency, poles.damping_ratio)
         if self.mpc > 0:
             good &= poles.mpc >= self.mpc
@@ -172,7 +175,7 @@ def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
 def state_poles(
     transition: FloatArray, output: FloatArray, sampling_rate: float, sizes: FloatArray | None = None
 ) -> Poles:
-    """Continuous-time poles (rad/s) and shapes of the state-space model x(k+1) = A x(k), y(k) = C x(k).
+    """Continuous-time poles (rad/s) in the upper half plane, and shapes, of the model x(k+1) = A x(k), y(k) = C x(k).
 
     Parameters
     ----------
@@ -183,8 +186,14 @@ def state_poles(
     sampling_rate : float
         Hz.
     sizes : (order,) float array, optional
-        Singular values of the block Hankel matrix, where the states are those of its left singular vectors: they give the
-        energy of each pole, |v| |w S| over |S| for the right and left eigenvectors v and w with w v = 1.
+        Singular values of the block Hankel matrix, where the states are those of its left singular vectors: they give
+        the energy of each pole, |v| |w S| over |S| for the right and left eigenvectors v and w with w v = 1; NaN
+        without them.
+
+    Raises
+    ------
+    LinAlgError
+        If the eigenvalues do not converge.
     """
     from scipy.linalg import lapack
 

@@ -103,9 +103,10 @@ def pole_distance(
 def _unit_distance(
     first: ComplexArray, first_shapes: ComplexArray, second: ComplexArray, second_shapes: ComplexArray
 ) -> FloatArray:
-    """Distance as by `pole_distance`, (n_first, n_second), for poles whose shapes (columns) have norm 1.
+    """Relative distance of poles plus 1 - MAC of their shapes, (n_first, n_second); 0 for equal poles and shapes.
 
-    Poles are in rad/s, (n_first,) and (n_second,); shapes are (n_channels, n_first) and (n_channels, n_second).
+    The distance of two poles is over the larger magnitude. Poles are in rad/s, (n_first,) and (n_second,); shapes are
+    (n_channels, n_first) and (n_channels, n_second), with columns of norm 1.
     """
     size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
     apart, product = first[:, None] - second, first_shapes.conj().T @ second_shapes
@@ -116,7 +117,10 @@ def _unit_distance(
 def clusters(
     sweep: Sequence[Poles], scale: FloatArray, criteria: HardCriteria | None = None, keep_all: bool = False
 ) -> tuple[Cluster, ...]:
-    """Clusters of stable poles over the model orders that are modes, by increasing frequency.
+    """Clusters of stable poles over the model orders that are modes, by increasing frequency; () if no pole is stable.
+
+    A pole is stable if its distance (relative, plus 1 - MAC) to the nearest of the next lower order is below the
+    boundary between two groups of such distances, by 2-means of their logarithms.
 
     Parameters
     ----------
@@ -170,8 +174,9 @@ def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:
     """Distance of every pole to the nearest pole of the next lower order, (n_poles,); infinite if there is none.
 
-    `s` (n_poles,) and `shapes` (n_channels, n_poles), of norm 1, are of all poles; `number` is the index of the order
-    of each, not decreasing. `n_orders` is the number of orders.
+    The distance is that of the poles over the larger magnitude, plus 1 less the MAC. `s` (n_poles,), rad/s, and
+    `shapes` (n_channels, n_poles), of norm 1, are of all poles; `number` is the index of the order of each, not
+    decreasing. `n_orders` is the number of orders.
     """
     nearest = np.full(len(s), np.inf)
     edges = np.searchsorted(number, np.arange(n_orders + 1)).tolist()
@@ -215,11 +220,13 @@ def _link_clusters(distance: FloatArray, number: IntArray, width: float) -> IntA
 
 
 def _gather_scattered_poles(labels: IntArray, distance: FloatArray, poles: ComplexArray, number: IntArray) -> IntArray:
-    """Cluster labels 1, 2, ... after each cluster, largest first, took like poles of smaller ones in the orders it lacks.
+    """Cluster labels 1, 2, ..., (n_poles,), after clusters took like poles of smaller ones in the orders they lack.
 
-    In each such order the nearest pole is taken, within `_ONE_MODE` in median distance and 5 % of the pole itself. Poles of
-    close or highly damped modes scatter over the orders and fall into several clusters. `labels`, `poles` and `number`,
-    the index of the order of each pole, are (n_poles,); `distance` is (n_poles, n_poles).
+    Larger clusters come first, and those of one pole take none. In each such order the nearest pole is taken, if its
+    median distance to the cluster is small (below `_ONE_MODE`) and it lies within 5 % of the central pole. Poles of
+    close or highly damped modes scatter over the orders and fall into several clusters. `labels`, `poles` (rad/s) and
+    `number`, the index of the order of each pole, are (n_poles,); `distance` is (n_poles, n_poles). Labels without
+    poles are closed up.
     """
     labels, sizes = labels.copy(), np.bincount(labels)
     taken = np.zeros(len(labels), dtype=bool)

@@ -85,7 +85,10 @@ def _map_covariance(covariance: FloatArray | None, moved: FloatArray) -> FloatAr
 
 
 def _damping_warnings(modes: ModalRecord) -> list[str]:
-    """Warnings on modes whose damping is negative, or uncertain by more than half, once the window's damping is taken off."""
+    """Warnings on modes whose damping ratio is negative, or has a standard deviation above half of it, or [].
+
+    `modes` are those with the damping of an exponential window taken off.
+    """
     notes, ratio = [], modes.damping_ratio
     negative = [str(i + 1) for i in np.flatnonzero(ratio < 0)]
     if negative:

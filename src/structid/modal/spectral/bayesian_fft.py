@@ -128,9 +128,10 @@ def band_lines(data: ScaledMotion, low: float, high: float) -> tuple[BandLines, 
     Returns
     -------
     BandLines
-        Lines of all records, one record after another, scaled so that their mean square is 1.
+        Lines of all records, one record after another, scaled so that their mean square is 1. Those at 0 Hz and at half
+        the sampling rate are left out.
     tuple of Dof
-        One for each column of the lines; channels of one place are averaged.
+        One for each column of the lines; channels of one degree of freedom are averaged.
     """
     kinds = data.derivative
     kind = int(np.bincount(kinds).argmax())
@@ -151,7 +152,7 @@ def band_lines(data: ScaledMotion, low: float, high: float) -> tuple[BandLines, 
 
 
 def _bands(data: ScaledMotion, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
-    """Frequency bands given in `options`, or around automatic peaks, with the places (Hz) of their modes.
+    """Bands of `options`, or bands around automatic peaks, with limits and frequencies of their modes, in Hz.
 
     A note that lists automatic bands is appended to `notes`.
     """
