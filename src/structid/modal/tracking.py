@@ -65,9 +65,9 @@ def track_modes(
 ) -> ModeTracks:
     """Modes tracked over several modal records, by frequency and MAC.
 
-    Each record is paired with the tracks so far so that the sum of the worth of its pairs is as large as possible. A mode and
-    the last mode of a track are worth MAC times 1 / (1 + (log(f / f_last) / guard)^2); below one half the mode begins a new
-    track. A track may pause, and drift without limit; modes seen in one record only are listed in `alone`.
+    Each record is paired with the tracks so far so that the sum of the worth of its pairs is as large as possible. A
+    mode and the last mode of a track are worth MAC times 1 / (1 + (log(f / f_last) / guard)^2); below one half the mode
+    begins a new track. A track may pause, and drift without limit; modes seen in one record only are listed in `alone`.
 
     Parameters
     ----------
@@ -77,6 +77,12 @@ def track_modes(
         Names of the records; by default "record 1" and so on.
     frequency_guard : float
         A pair is worth half as much at this logarithmic distance in frequency.
+
+    Returns
+    -------
+    ModeTracks
+        Tables (n_records, n_tracks) of mode indices (from 0, -1 where missing), frequencies, damping ratios, standard
+        deviations (NaN where missing) and MAC with the last record of the track, tracks by mean frequency.
 
     Raises
     ------
@@ -141,8 +147,8 @@ def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
 def _likeness_std(records: Sequence[ModalRecord], members: IntArray) -> FloatArray:
     """Standard deviation of the MAC of each mode with the last record that shows it, (n_records, n_tracks).
 
-    `records` have the same channels. `members` (n_records, n_tracks) are the mode numbers of each track, -1 where it is
-    missing; there, and in the first record of a track, the result is NaN.
+    `records` have the same channels. `members` (n_records, n_tracks) are the mode indices (from 0) of each track, -1
+    where it is missing; there, and in the first record of a track, the result is NaN.
     """
     std, pairs = np.full(members.shape, np.nan), dict[tuple[int, int], FloatArray]()
     for k, track in enumerate(members.T):

@@ -46,7 +46,7 @@ class ModeFileOptions:
     shape_axes: Literal["", "named"] = ""
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on an unknown kind of eigenvalue or unit."""
+        """Raise `InputError` if `eigenvalues`, `shape_axes`, `length_unit` or `force_unit` is set to no known name."""
         if self.eigenvalues not in ("", "real", "complex"):
             raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
         if self.shape_axes not in ("", "named"):

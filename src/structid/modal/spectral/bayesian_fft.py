@@ -167,10 +167,11 @@ def _bands(data: ScaledMotion, options: ModalOptions, notes: list[str]) -> tuple
 
 
 def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptions, notes: list[str]) -> Band:
-    """Band from `low` to `high` (Hz), with the places (Hz) of its modes: `options.frequencies`, peaks, or the maximum.
+    """Band from `low` to `high` (Hz) with the frequencies (Hz) where its modes may be, one for each mode.
 
-    A note is appended to `notes` if no peak stands out. `InputError` if the band lies outside the spectrum, or none of the
-    frequencies lies in it.
+    These are the `options.frequencies` inside the band; without them its significant peaks and crests of the singular
+    values, or else the line of the greatest first singular value, and a note on that is appended to `notes`.
+    `InputError` if the band reaches beyond the spectrum, or none of the frequencies lies in it.
     """
     top = spectrum.frequency[-1]
     if high > top:
@@ -278,10 +279,11 @@ class Posterior:
 
 
 def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
-    """Most probable modes near `places` (Hz, one for each mode) and their posterior covariance.
+    """Most probable modes near the frequencies `places` (Hz, one for each mode) and their posterior covariance.
 
-    The search has several starts, and uses part of the lines and the directions in which the band has most power; the best
-    result is refined with all lines and channels.
+    The search has several starts, and uses part of the lines and the directions in which the band has most power; the
+    best result is refined with all lines and channels. Covariances are NaN where the data do not determine the modes,
+    and `converged` is false where the steps did not suffice.
     """
     every = max(1, len(data.frequency) // _SEARCH_LINES)
     kept = min(data.n_channels, 2 * len(places) + 2)
@@ -296,10 +298,10 @@ def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
 
 
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
-    """Chart at the minimum that Newton's method reaches, the decrease still expected there, and the Hessian.
+    """Chart at the minimum that Newton's method reaches from `modes`, decrease still expected there, and Hessian.
 
-    At most `n_steps` are taken. The decrease is that of twice the negative log-likelihood (Newton's decrement). The Hessian
-    (size, size) is NaN where the steps did not suffice or it is not finite.
+    At most `n_steps` are taken. The decrease is that of twice the negative log-likelihood (Newton's decrement),
+    infinite if no step was tried. The Hessian (size, size) is NaN where the steps did not suffice or it is not finite.
     """
     place = chart(modes)
     unknown = np.full((place.size,) * 2, np.nan)
@@ -341,8 +343,8 @@ def _shorten_step(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray
 def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
     """Least and greatest coordinates of frequencies, then damping ratios, in the search, (2 m,) each.
 
-    Frequencies stay within the lines of the band, damping ratios from 1e-5 to 0.5; the coordinate 0 of `start` is always
-    allowed.
+    Coordinates are ln(f / f_0) / zeta_0 and ln(zeta / zeta_0) about the modes `start` (f_0, zeta_0). Frequencies stay
+    within the lines of the band, damping ratios from 1e-5 to 0.5; the coordinate 0 of `start` is always allowed.
     """
     zeta = start.damping_ratio
     ends = [np.log(f / start.frequency) / zeta for f in (data.frequency.min(), data.frequency.max())]
@@ -352,7 +354,10 @@ def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
 
 
 def _refine_posterior(data: BandLines, modes: BandModes) -> Posterior:
-    """Posterior of the modes: Newton's method from the near start `modes`, and covariance from the inverse Hessian."""
+    """Posterior of the modes: Newton's method from the near start `modes`, and covariance from the inverse Hessian.
+
+    Covariances are NaN if the Hessian is not positive definite or the steps did not suffice.
+    """
     place, decrement, curvature = _newton(data, modes, _STEPS)
     modes = place.centre
     n, m = modes.shapes.shape

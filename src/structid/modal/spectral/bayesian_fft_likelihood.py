@@ -111,7 +111,12 @@ def chart(centre: BandModes) -> Chart:
 
 
 def coordinates(chart: Chart) -> FloatArray:
-    """Coordinates x (size,) of the centre of a chart; only those of forces and noise differ from 0."""
+    """Coordinates x (size,) of the centre of a chart; only those of forces and noise differ from 0.
+
+    Their order is: frequencies, damping ratios, shapes, Cholesky factor of the spectral density of the forces
+    (logarithms of the diagonal, then real and imaginary parts below it over the diagonal entry of their row), logarithm
+    of the noise.
+    """
     m, x = chart.centre.n_modes, np.zeros(chart.size)
     root = np.linalg.cholesky(chart.centre.force)
     size, below = root.diagonal().real, np.tril_indices(m, -1)
@@ -194,10 +199,11 @@ class Solved:
 
 
 def solved(data: BandLines, modes: BandModes, spectra: ComplexArray) -> Solved:
-    """Negative log-likelihood of the lines, and solutions with the covariance E of each line.
+    """Negative log-likelihood of the lines, up to a constant, and solutions with the covariance matrix E of each line.
 
-    `spectra` (n_lines, m, m) are those of `force_spectra`. Kernels of size m serve instead of n_channels; where shapes span
-    all channels or are nearly parallel, E itself is inverted.
+    E is Phi H Phi' + S_e I for shapes Phi, noise S_e and `spectra` H (n_lines, m, m), the spectral densities of the
+    modal responses. Kernels of size m serve instead of n_channels; where shapes span all channels or are nearly
+    parallel, E itself is inverted.
     """
     n, m = modes.shapes.shape
     gram = modes.shapes.T @ modes.shapes

@@ -115,10 +115,11 @@ def efdd(record: SpectrumRecord | CorrelationRecord, options: ModalOptions | Non
 
 
 def _bell(frequency: FloatArray, vectors: ComplexArray, matrix: ComplexArray, line: int) -> _Bell:
-    """Spectral bell of a mode: consecutive lines around a peak whose first singular vectors have a MAC of 0.8 with the peak's.
+    """Spectral bell of a mode: lines around a peak with a MAC of 0.8 or more of first singular vectors with the peak's.
 
-    `frequency` (n_lines,), Hz, `vectors` (n_lines, n_channels), the first singular vectors, and `matrix` (n_lines, n_channels,
-    n_references), the spectral matrices, are of all lines; `line` is the index of the peak.
+    The result has the distance of the lines from the peak (Hz) and the spectrum there in the singular vectors of the
+    peak. `frequency` (n_lines,), Hz, `vectors` (n_lines, n_channels), the first singular vectors, and `matrix`
+    (n_lines, n_channels, n_references), the spectral matrices, are of all lines; `line` is the index of the peak.
     """
     left = vectors[line]
     right = matrix[line].conj().T @ left
@@ -190,9 +191,10 @@ def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generat
 def _decay(
     offset: FloatArray, values: ComplexArray, duration: float, window: Callable[[FloatArray], FloatArray]
 ) -> _Decay | None:
-    """Decay of the correlation functions of spectra `values` (n_draws, n_lines); None if it is too short or too slow to fit.
+    """Decay of the correlation functions of spectra `values` (n_draws, n_lines); None if too short or slow to fit.
 
-    The first spectrum decides which lags serve: from 0.9 to 0.2 of its start.
+    The result has decay rates (1/s) and distances of the damped frequency from the peak (rad/s), (n_draws,) each. The
+    first spectrum decides which lags serve: from 0.9 to 0.2 of its start.
 
     Parameters
     ----------
@@ -202,7 +204,7 @@ def _decay(
     duration : float
         s, one over the spacing of the lines.
     window : callable
-        Factor on the correlation at lags that are parts of `duration`.
+        Factor on the correlation at lags that are parts (0 to 0.5) of `duration`.
     """
     part = np.arange(_N_LAGS) / (2 * _N_LAGS)
     turning = np.exp(2j * np.pi * np.outer(offset, part * duration))

@@ -93,7 +93,9 @@ def hann(segment: int) -> FloatArray:
 
 
 def segments(data: ScaledMotion, segment: int) -> Iterator[FloatArray]:
-    """Half-overlapping stretches of `segment` samples of all records, (segment, n_channels) each.
+    """Half-overlapping segments of `segment` samples, one record after another, (segment, n_channels) each.
+
+    Samples at the end of a record that fill no segment are left out.
 
     Raises
     ------
@@ -159,12 +161,15 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
     """Line indices (n_peaks,) of significant peaks of a singular value, lowest first, without two lines at either end.
 
+    A peak is significant if it rises above the higher of the valleys beside it by twice the greatest error that is
+    expected over all lines (`spectrum.error`, in the natural logarithm).
+
     Parameters
     ----------
     spectrum : Spectrum
     level : int
-        Index of the singular value, 0 for the greatest. Only its peaks need a modal coherence of 0.8, since vectors of the
-        second turn at a crossing.
+        Index of the singular value, 0 for the greatest. Only its peaks need a modal coherence of 0.8, since vectors of
+        the second turn at a crossing.
     """
     from scipy.signal import find_peaks
 
@@ -249,7 +254,12 @@ def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[ScaledM
 
 
 def _stored_lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
-    """Frequencies (Hz) and spectral matrices (n_lines, n_channels, n_references) of stored spectra or correlation functions."""
+    """Frequencies (Hz) and spectral matrices (n_lines, n_channels, n_references) of stored spectra or correlations.
+
+    Spectra are returned as they are. Correlation functions are transformed under a Hann window of twice their length:
+    with the lags before 0 where the references are all channels, else from lag 0 on alone; these matrices are not
+    scaled to 1/Hz.
+    """
     if isinstance(record, SpectrumRecord):
         return record.frequency, record.values
     n = len(record.values)
@@ -264,12 +274,15 @@ def _stored_lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArra
 
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
-    """Line indices (n_peaks,) of the peaks within the frequency limits, by hand or automatic, lowest first; see `chosen_peaks`.
+    """Line indices (n_peaks,) of the peaks within the frequency limits of `options.criteria`, lowest first.
+
+    They are the highest peaks near each of `options.frequencies` or, without these, all significant ones.
 
     Raises
     ------
     InputError
-        As `peaks_by_hand` does, or if neither frequencies nor the number of averages are known.
+        If a frequency lies outside the spectrum, near no peak, or two of them lead to one peak; or if neither
+        frequencies nor the number of averages are known.
     NoModesError
         If no peak is left.
     """
@@ -296,9 +309,10 @@ def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
 def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:
     """First and last line index of the frequency band of the peak at line index `line`.
 
-    The band ends where the first singular value is down by 30, or at the errors of the background, or in the valley
-    before another peak (`others`, line indices), or at three times the distance at which the steeper flank is down by 5 (six
-    half-power half-widths). It has three lines on either side at least, the window's own width.
+    The band ends where the first singular value is down by a factor of 30, or at the errors of the background, or in
+    the valley before another peak (`others`, line indices), or at three times the distance at which the steeper flank
+    is down by a factor of 5 (six half-power half-widths). It has three lines on either side at least, the window's own
+    width, without the first and last line of the spectrum.
     """
     logs = np.log(np.maximum(spectrum.values[:, 0], 1e-300))
     lower = max([0, *(k for k in others if k < line)])
@@ -322,9 +336,9 @@ def valley(spectrum: Spectrum, first: int, second: int) -> float:
 
 
 def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...]:
-    """Frequency bands around spectral peaks (line indices), with the places (Hz) of their modes, by frequency.
+    """Frequency bands around spectral peaks (line indices), with the frequencies (Hz) of their modes, by frequency.
 
-    Touching bands with a valley less deep than a factor of 10 are merged.
+    Touching bands with a valley less deep than a factor of 10 are merged; () without peaks.
     """
     lines = sorted(int(k) for k in peaks)
     ends = {k: peak_range(spectrum, k, [other for other in lines if other != k]) for k in lines}

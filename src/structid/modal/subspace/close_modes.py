@@ -41,9 +41,9 @@ def neighbour_std(covariance: FloatArray) -> FloatArray:
 def is_close(modes: ModalRecord) -> np.ndarray:
     """Mask (n_modes - 1,) that is true for each mode that is close to the next in frequency.
 
-    Close are modes whose gap is at most half the sum of both half-power bandwidths (2 zeta f each), so that their resonances
-    overlap to one peak, or at most 1.96 of its standard deviations, so that the two cannot be told apart. An unknown bandwidth
-    or standard deviation counts as 0; equal frequencies are always close.
+    Close are modes whose gap is at most half the sum of both half-power bandwidths (2 zeta f each), so that their
+    resonances overlap to one peak, or at most 1.96 of its standard deviations, so that the data cannot distinguish the
+    two. An unknown bandwidth or standard deviation counts as 0; equal frequencies are always close.
     """
     f = modes.frequency
     bandwidth = 2 * np.maximum(np.nan_to_num(modes.damping_ratio), 0.0) * f

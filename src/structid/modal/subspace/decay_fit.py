@@ -135,7 +135,11 @@ def energy_fractions(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
 
 
 def strength(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
-    """Wald's F statistic of the amplitudes of each mode with `poles` (rad/s), (n_modes,); about 1 for mere noise."""
+    """Wald's F statistic of the amplitudes of each mode with `poles` (rad/s), (n_modes,); about 1 for mere noise.
+
+    Amplitudes of all modes are fitted to all records together; the noise of a channel is its residual. A statistic has
+    two degrees of freedom for each channel and record.
+    """
     parts = _project_records(data, poles)
     sigma, n = _noise(parts), len(poles)
     found = np.zeros(n)
@@ -170,10 +174,10 @@ def schwarz(data: ScaledMotion, poles: ComplexArray) -> float:
 
 
 def left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
-    """F statistic (see `strength`) of each of `candidates` if it alone is added to `poles`, (n_candidates,).
+    """F statistic of the amplitudes of each of `candidates` if it alone is added to `poles`, (n_candidates,).
 
-    Poles and candidates are in rad/s. `poles` stay as they are, with their amplitudes fitted anew; the noise is that left with
-    `poles` alone.
+    It is about 1 for noise. Poles and candidates are in rad/s. `poles` stay as they are, with their amplitudes fitted
+    anew; the noise is that left with `poles` alone.
     """
     parts = _project_records(data, poles)
     sigma = _noise(parts)
@@ -199,7 +203,10 @@ def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
 
 
 def _project_records(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtPoles]:
-    """Projection of each record onto the decays of `poles` (rad/s), one `_RecordAtPoles` for each record."""
+    """Projection of each record onto the decays of `poles` (rad/s): coefficients, residual and bases, one item each.
+
+    The basis is [Re E, Im E], (n_times, 2 n_modes), with E = exp(s t), t from 0 at the first sample of the record.
+    """
     found = []
     for y in data.series:
         time = np.arange(len(y))[:, None] / data.sampling_rate
@@ -250,9 +257,10 @@ def _directions(coefficients: FloatArray) -> FloatArray:
 
 
 def _normal(parts: Sequence[_RecordAtPoles], sigma: FloatArray) -> NormalEquations:
-    """Normal equations, in all Re s, then all Im s, of residuals divided by `sigma` (n_channels,).
+    """Normal equations, in all Re s, then all Im s, of the least-squares problem for the poles s (rad/s).
 
-    `parts` are the projections of the records at the present poles.
+    Residuals are divided by `sigma` (n_channels,), the standard deviation of the noise. `parts` are the projections of
+    the records at the present poles.
     """
     size = len(parts[0].triangle)
     matrix, gradient = np.zeros((size, size)), np.zeros(size)
@@ -422,11 +430,14 @@ def decay_modes(data: ScaledMotion, modes: ModalRecord) -> ModalRecord:
         Records that `modes` come from.
     modes : ModalRecord
         By a subspace method; for refined modes, frequencies, damping ratios, shapes and their covariance are replaced.
+        The covariance of refined modes with others becomes 0; without a covariance and `shape_std` in `modes` there is
+        none.
 
     Returns
     -------
     ModalRecord
-        `modes` itself if no mode stands out, or the search does not end near its start.
+        `modes` itself if no mode has amplitudes above noise, the search does not converge, or a pole moves by more than
+        5 %.
     """
     poles = modes.poles
     strong = np.flatnonzero(stands_out(data, poles))

@@ -88,11 +88,11 @@ def shift_invariant(
     data : ScaledMotion
         The records behind it.
     method : str
-        Name of the subspace method.
+        Name of the subspace method, in words.
     max_order : int
         Largest model order; lowered where the matrix has less room.
     parts : callable, optional
-        Gives the parts of the matrix from windows of the data.
+        Maps data and windows to an iterator over the contribution of each window to the matrix.
     windows : sequence of RecordPiece
         Windows for a covariance; with several the decomposition is complete.
     complete : bool

@@ -43,6 +43,9 @@ _REGULAR = 1e-4
 def pencil(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace of the matrix pencil of output covariances (block Hankel matrix).
 
+    Block (i, j) of the matrix, i and j from 0, is the mean of y(t + 1 + i) y(t - j)' over all instants t with all
+    delays.
+
     Parameters
     ----------
     data : ScaledMotion
@@ -52,7 +55,7 @@ def pencil(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 
     max_order : int
         Greatest number of states wanted.
     n_pieces : int
-        Pieces for the covariance of the result.
+        Number of windows of the data for the covariance of the result.
 
     Raises
     ------
@@ -69,6 +72,9 @@ def pencil(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 
 def ssi_cov(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace by covariance-driven stochastic subspace identification.
 
+    Block (i, j) of the matrix, i and j from 0, is the correlation of the channels at lag 1 + i + j, each lag the mean
+    over all pairs of samples that the records hold.
+
     Parameters
     ----------
     data : ScaledMotion
@@ -78,7 +84,7 @@ def ssi_cov(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int =
     max_order : int
         Greatest number of states.
     n_pieces : int
-        Pieces of the data for the covariance of the result.
+        Number of windows of the data for the covariance of the result.
 
     Raises
     ------
@@ -171,11 +177,14 @@ def _window_projections(
 
 
 def delayed_triangle(data: ScaledMotion, rows: int) -> FloatArray:
-    """Triangle R of the QR decomposition of delayed samples [y(t), ..., y(t + rows - 1)] of all instants.
+    """Upper triangle R of the QR decomposition of delayed samples [y(t), ..., y(t + rows - 1)], a row for each instant.
+
+    All instants of all records count at which `rows` samples are left; channels are contiguous within a delay.
 
     Returns
     -------
-    (rows * n_channels, rows * n_channels) float array
+    (k, rows * n_channels) float array
+        k is rows * n_channels, or the number of instants if that is less.
     """
     width = rows * data.n_channels
     triangle = np.zeros((0, width))

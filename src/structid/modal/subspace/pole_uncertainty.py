@@ -74,11 +74,12 @@ class FreeDecay:
 
 
 def free_decay(data: ScaledMotion, poles: ComplexArray) -> FreeDecay:
-    """Records split into the least-squares free decay with `poles` (rad/s) and the rest, and how much the decay explains.
+    """Records split into the least-squares free decay with `poles` (rad/s) and the residual, and what it explains.
 
-    The split is left out (empty lists) if a quick estimate finds less than 20 % of the power explained. The decay explains most
-    if less than half of the power is left, and all if besides the spectrum of the rest has no peak at the poles. The rest is
-    scaled up for the degrees of freedom that the fit takes.
+    The split is left out (empty lists) if a quick estimate finds less than 20 % of the power explained. The decay
+    explains most if less than half of the power is left; it explains all if, in addition, the smoothed spectrum of the
+    residual at the poles is at most 4 times its median. The residual is scaled up for the degrees of freedom that the
+    fit takes.
     """
     if _decay_fraction(data, poles) < _HARDLY:
         return FreeDecay([], [], explains_most=False, explains_all=False)
@@ -133,9 +134,10 @@ def _decay_fraction(data: ScaledMotion, poles: ComplexArray) -> float:
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
-    """Greatest smoothed spectral level at the frequencies of `poles` (rad/s) over the median level of the spectrum.
+    """Greatest spectral level, smoothed over 1/16 of the lines, at frequencies of `poles` (rad/s) over the median.
 
-    `y` are the samples (n_times, n_channels), `sampling_rate` in Hz. 0 where the median is 0.
+    `y` are the samples (n_times, n_channels), `sampling_rate` in Hz. Spectra are taken under a sine window, channels
+    scaled to equal power, and averaged over channels. 0 where the median is 0.
     """
     n = len(y)
     size = np.sqrt(np.mean(y**2, axis=0))
@@ -164,7 +166,9 @@ def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: i
 def piece_deviations(subspace: Subspace, max_order: int) -> SingularVectorChanges:
     """Deviation of each window's part of the subspace matrix from its share of the whole, for stationary motion.
 
-    There is one deviation per window, through the leading `max_order` singular vectors.
+    Each is multiplied by the leading `max_order` right singular vectors, (n_windows, n_rows, max_order), and its
+    transpose by the left ones, (n_windows, n_columns, max_order). The sum over windows of squared deviations is the
+    variance of the whole.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
@@ -234,10 +238,10 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
     """Factors, 1 or more, on standard deviations of frequencies, since these rest on an uncertain damping; (n_modes,).
 
     In T seconds a frequency f with damping ratio zeta has a variance of f zeta / (2 pi T) at least, and zeta has one of
-    zeta / (2 pi f T). A variance stated with the damping found thus has a relative variance of 1 / (T zeta omega), that of
-    2 T zeta omega degrees of freedom (4 at least). Where batches of the record would have more, 1.96 standard deviations
-    become the 95 % interval of Student's t with these. Damping ratios err together with their own standard deviation, and are
-    not widened.
+    zeta / (2 pi f T). A variance stated with the damping found thus has a relative variance of 1 / (T zeta omega), that
+    of 2 T zeta omega degrees of freedom (4 at least). Where batches of the record would have more, 1.96 standard
+    deviations become the 95 % interval of Student's t with these. Damping ratios err together with their own standard
+    deviation, and are not widened.
 
     Parameters
     ----------
@@ -248,7 +252,8 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
     n_pieces : int
         Number of pieces.
     memory : float
-        As in `overlapping_batches`, which has its own degrees of freedom in already.
+        1 / (zeta omega) of the slowest mode, s; a batch of pieces is two memories long, which `overlapping_batches` has
+        accounted for.
 
     References
     ----------
@@ -263,8 +268,9 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
 def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> SingularVectorChanges:
     """Deviations of the subspace matrix by noise, `n_changes` in number, from shifted residuals of a free decay.
 
-    The residual of each record is shifted cyclically and added to its fitted decay. Pieces of a decay cannot serve,
-    since they are no repeats of each other. `max_order` is the number of singular vectors that count.
+    The residual of each record is shifted cyclically and added to its fitted decay; deviations are over the square root
+    of `n_changes`, so that the sum of squares is the variance. Pieces of a decay cannot serve, since they are no
+    repeats of each other. `max_order` is the number of leading singular vectors by which deviations are multiplied.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
@@ -303,11 +309,11 @@ def pole_deviations(
     ----------
     subspace : Subspace
     spread : SingularVectorChanges
-        Of its matrix, through at least `order` singular vectors.
+        Deviations of the matrix of `subspace`, through at least `order` singular vectors.
     order : int
         Number of states.
     chosen : sequence of int
-        Indices of the poles wanted, counted as in `poles_of_orders`.
+        Indices of the poles wanted among those in the upper half plane, in the order of the eigenvalues.
 
     Returns
     -------

@@ -182,10 +182,11 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
 def error_deviations(
     record: CorrelationRecord, averages: int, subspace: Subspace, rows: int, columns: int, max_order: int
 ) -> SingularVectorChanges:
-    """Deviations of the block Hankel matrix by `_DRAWS` drawn errors of correlation functions whose references are all channels.
+    """Deviations of the block Hankel matrix by 100 drawn errors of correlation functions between all channels.
 
-    `averages` is the number of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and
-    `max_order` is the number of singular vectors.
+    Deviations are over the square root of 100, so that sums of their products are covariances. `averages` is the number
+    of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and `max_order` is the
+    number of leading singular vectors by which deviations are multiplied.
     """
     order = [record.references.index(dof) for dof in record.channels]
     scale = subspace.data.scale
@@ -238,10 +239,12 @@ def _is_split_pole(poles: ComplexArray, shapes: ComplexArray, probability: Float
 
 
 def _shape(record: CorrelationRecord, scale: FloatArray, block_rows: int | None) -> tuple[int, int]:
-    """Numbers of block rows and block columns of the Hankel matrix, which together take one lag less than their sum.
+    """Numbers of block rows and block columns of the Hankel matrix of stored correlation functions.
 
-    The rows cover a period of the lowest motion that has 2 % of the power below it, as far as there are lags. `scale`
-    (n_channels,) is the size of each channel, `block_rows` the option. `InputError` if the lags do not suffice.
+    Rows plus columns are at most the number of lags. By default rows and columns have room for all model orders, and
+    the rows cover a period of the lowest motion (2 % of the power is below it), as far as there are lags. `scale`
+    (n_channels,) is the size of each channel, `block_rows` the number of rows asked for or None. `InputError` if the
+    lags do not suffice.
     """
     n_lags, n_channels, n_references = record.values.shape
     lines = np.abs(np.fft.rfft(record.values / scale[:, None], 2 * n_lags, axis=0)).sum(axis=(1, 2))

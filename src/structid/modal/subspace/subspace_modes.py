@@ -70,10 +70,18 @@ def subspace_modes(
 
 
 def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: bool = False) -> ModalIdentification:
-    """Modes by a subspace method named in `SUBSPACE_METHODS`.
+    """Modes of records by the subspace `method` (key of `SUBSPACE_METHODS`), with poles of all orders and clusters.
 
-    `is_decay` is true where the records were already cut to the free decay; they are then not cut again. Raises `NoModesError`
-    if no pole is stable and meets the criteria.
+    Without `options.orders` the greatest order is doubled while models are crowded. A free decay that falls below the
+    noise is cut there and identified anew, unless `is_decay` says that the records were already cut. Without
+    `options.frequencies`, modes that do not stand out of the noise are left out.
+
+    Raises
+    ------
+    NoModesError
+        If no pole is stable and meets the criteria.
+    InputError
+        If `orders` or `block_rows` do not suit the records.
     """
     rows = _block_rows(data, options.block_rows)
     greatest, n_instants = MAX_ORDER, sum(len(y) - 2 * rows - 1 for y in data.series)
@@ -134,10 +142,10 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
 
 
 def _until_noise(data: ScaledMotion, motion: FreeDecay, n_least: int) -> ScaledMotion | None:
-    """Records cut where their free decay falls to `_LOST` of the noise left; None if more than half of the samples would be kept.
+    """Records cut where the free decay falls to a tenth of the noise left; None if over half of the samples would stay.
 
-    The samples after that tell nothing of the modes, and their noise hides modes that die out early. `n_least` is the least
-    number of samples to keep of each record.
+    The samples after that tell nothing of the modes, and their noise hides modes that die out early. `motion` is the
+    decay and residual of each record, `n_least` the least number of samples to keep of each record.
     """
     series = []
     for y, decay, rest in zip(data.series, motion.decay, motion.rest, strict=True):
@@ -213,7 +221,7 @@ def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: Complex
 
 
 def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int]]:
-    """Places (order number, pole index) in `sweep` of the poles nearest to each of `poles` (rad/s), none used twice."""
+    """Pairs (order number, pole index), from 0, in `sweep` of the pole nearest to each of `poles` (rad/s), once."""
     places = [(k, i) for k, one in enumerate(sweep) for i in range(len(one.poles))]
     values, chosen = np.concatenate([one.poles for one in sweep]), []
     for pole in poles:
@@ -364,9 +372,10 @@ def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
 
 
 def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None, greatest: int) -> list[int]:
-    """Model orders to try, increasing: those `given`, or else `_MOST_ORDERS` even ones at most, in even steps to `greatest`.
+    """Model orders to try, increasing: those `given`, or else at most 60 even ones, in even steps up to `greatest`.
 
-    `InputError` if they exceed the matrix. `rows` is the number of block rows, with room for (rows - 1) * n_channels states.
+    `InputError` if they exceed the matrix. `rows` is the number of block rows, with room for (rows - 1) * n_channels
+    states.
     """
     room = (rows - 1) * data.n_channels
     step = max(2, 2 * math.ceil(greatest / (2 * _MOST_ORDERS)))
@@ -404,8 +413,10 @@ class PickedPoles:
 def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions) -> PickedPoles:
     """Poles of the `sweep` over orders chosen as modes: those nearest to `options.frequencies`, or of likely clusters.
 
-    A sweep with a single order gives all its poles that meet the criteria, or the nearest, without clusters. `scale`
-    (n_channels,) divides shapes before they are compared.
+    The result has pairs (order number, pole index) from 0, by rising frequency, the cluster of each, notes, and the
+    other clusters. A note names a frequency whose nearest cluster is more than 2 % away. There are no pairs if no pole
+    is stable. A sweep with a single order gives all its poles that meet the criteria, or the nearest, without clusters.
+    `scale` (n_channels,) divides shapes before they are compared.
     """
     criteria, frequencies = options.criteria, options.frequencies
     if len(sweep) == 1:
@@ -432,10 +443,10 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 
 
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
-    """Clusters with a probability of `_PERHAPS` or more that were not taken for a mode, as `LeftOut` with the reason.
+    """Clusters with a probability of 0.3 or more that were not taken for a mode, as `LeftOut` with the reason.
 
-    `frequency` (Hz) and `damping_ratio` are of the modes taken; clusters near one of these are passed over. Both are
-    (n_modes,).
+    `frequency` (Hz) and `damping_ratio`, (n_modes,) each, are of the modes taken; clusters within half the half-power
+    bandwidth or 1 % of the frequency of one of these are passed over.
     """
     width = np.maximum(np.abs(damping_ratio), _SAME) * frequency
     listed = []
@@ -630,7 +641,8 @@ def changes_of_poles(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Changes of poles (rad/s), (n_changes, n_modes), and of shapes, (n_changes, n_channels, n_modes), of chosen modes.
 
-    `picked` are pairs (order number, pole index), of models of several orders; see `pole_deviations`.
+    `spread` are deviations of the subspace matrix through its singular vectors. `picked` are pairs (order number in
+    `sweep`, pole index), of models of several orders.
     """
     n_pieces = len(spread.right)
     ds = np.empty((n_pieces, len(picked)), dtype=complex)

@@ -59,7 +59,11 @@ class ModesOptions:
     window: float | None = None
 
     def __post_init__(self) -> None:
-        """Convert options given as text, and raise `InputError` on values out of range."""
+        """Convert texts to numbers, and raise `InputError` on values out of range.
+
+        Texts are lists in `frequencies` and `remove_tones` (but for "auto"), a list or range in `orders`, a number in
+        `detrend`. `frequencies`, `remove_tones`, `rate`, `deviation` and `window` must be positive, `band` a range.
+        """
         for name, words in (("frequencies", ()), ("remove_tones", ("auto",))):
             value = getattr(self, name)
             if isinstance(value, str) and value not in words:

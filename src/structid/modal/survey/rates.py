@@ -56,7 +56,7 @@ def lower_rate(record: TimeRecord) -> float | None:
 def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
     """Frequency (Hz) at which to join a low-rate and a high-rate analysis, as far as possible from modes of both.
 
-    It lies between 0.30 and 0.38 of `rate` (Hz), the lower sampling rate.
+    It lies between 0.30 and 0.38 of `rate` (Hz), the lower sampling rate; at 0.30 if neither has modes.
     """
     places = np.linspace(*_SPLIT, 41) * rate
     modes = np.concatenate([low.frequency, high.frequency])
@@ -68,7 +68,7 @@ def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
 def look_rates(record: TimeRecord) -> tuple[float, ...]:
     """Additional sampling rates (Hz), decreasing, for analysing a record; () if its own rate suffices.
 
-    The last is that of `lower_rate`; each is about a third of the rate before.
+    The last leaves about 12 samples per period of the lowest spectral peak; each is about a third of the rate before.
     """
     lowest = lower_rate(record)
     if lowest is None:

@@ -40,13 +40,15 @@ def modes_of_setups(
     """Modes of one structure from several set-ups with common reference sensors, identified and merged.
 
     A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency.
-    The record and the spectra of the result are those of the first set-up. `geometry` is a file of node positions or
-    None; None for `options` and `read` takes their defaults.
+    The record and the spectra of the result are those of the first set-up. `paths` are the files of the set-ups;
+    `geometry` is a file of node positions or None; None for `options` and `read` takes their defaults.
 
     Raises
     ------
     InputError
-        As `modes_of_file` does, or if set-ups have no sensor or no mode in common.
+        If a file or an option cannot be used, or set-ups have no sensor or no mode in common.
+    NoModesError
+        If a set-up shows no stable mode.
     """
     names = file_names(paths)
     each = [read_and_identify(Path(path), options or ModesOptions(), read, geometry, alone=False) for path in paths]
@@ -113,9 +115,10 @@ def recovered_modes(result: ModesResult, merging: MergedModes, number: int) -> M
 def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, present: ModalRecord) -> IntArray:
     """Indices, increasing, of modes of `again` that match the `lost` modes of `merged` and are not among `present`.
 
-    A match is within 2 % in frequency, has a MAC of `_ONE_SHAPE` or more over the known entries, and a standard deviation of
-    frequency not above the half-power bandwidth, if it is known. `lost` (n_lost,) are indices of modes of `merged`;
-    `present` are modes the set-up already has.
+    A match is within 2 % in frequency, has a MAC of 0.7 or more over the known entries, and a standard deviation of
+    frequency not above the half-power bandwidth, if it is known; of several the greatest MAC decides. `lost` (n_lost,)
+    are indices of modes of `merged`; `present` are modes the set-up already has. `again` are the modes of its record
+    near the lost ones.
     """
     places = {dof.unsigned: i for i, dof in enumerate(merged.channels)}
     rows = np.array([places[dof.unsigned] for dof in again.channels])

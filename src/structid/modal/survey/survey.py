@@ -192,11 +192,18 @@ def modes_of_file(
 def read_and_identify(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
-    """Modes of the file at `path` (see `modes_of_file`).
+    """Modes of the record in the file at `path`, read by `read`, prepared and identified by `options`.
 
     Columns without names are numbered 1X+, 2X+, ... if it stands `alone`, that is, if no other set-up is merged with
-    it; else they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized. `geometry` is a
-    file of node positions or None.
+    it; else they raise `UnnamedChannelsError`. Stored spectra and correlation functions are recognized. None for `read`
+    takes the defaults. `geometry` is a file of node positions, or None for those that a universal file holds itself.
+
+    Raises
+    ------
+    NoModesError
+        If no mode is stable.
+    InputError
+        If a file or an option cannot be used.
     """
     read = read or ReadOptions()
     if read.kind in (SPECTRUM, CORRELATION):
@@ -363,9 +370,10 @@ def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
 
 
 def _identify_at_rates(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
-    """Modes of the record, joined from its own and lower sampling rates, and words on the latter (empty if none is used).
+    """Modes of the record, joined from its own and lower sampling rates, and words on the latter (() if none is used).
 
-    Lower rates are tried only for time records, where no method, rate, band or frequencies are set.
+    Lower rates are tried only for time records, where no method, rate, band or frequencies are set. They are joined at
+    a frequency far from modes of both; `NoModesError` if no rate shows a mode.
     """
     settings = options.modal
     asked = (options.method, options.rate, options.band, options.frequencies)
