@@ -219,11 +219,11 @@ def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
 def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray) -> _ModalFields | None:
     """Fields X with (s^2 M + s C + K + i H) X = loads at all s, as a sum over the poles of the structure.
 
-    Let s0 be the geometric mean of |s|. Without viscous damping and with t = s0^2 - s^2, the dynamic stiffness is
-    Z = Z(s0) (I - t B), where B = Z(s0)^-1 M. With viscous damping and t = s - s0, the same holds for (X, t X / s0) and a B of
-    twice the size. The eigenvectors of B serve all lines. As B is an inverse, modes near the lines are as exact as by
-    factorization at each line, and motions without mass are modes with the eigenvalue 0. The sum is compared with the direct
-    solution at the first line at or above each pole, and at a few more.
+    Let s0 be the geometric mean of |s|. Without viscous damping and with t = s0^2 - s^2, the dynamic stiffness is Z =
+    Z(s0) (I - t B), where B = Z(s0)^-1 M. With viscous damping and t = s - s0, the same holds for (X, t X / s0) and a B
+    of twice the size. The eigenvectors of B serve all lines. As B is an inverse, modes near the lines are as exact as
+    by factorization at each line, and motions without mass are modes with the eigenvalue 0. The sum is compared with
+    the direct solution at the first line at or above each pole, and at a few more.
 
     Parameters
     ----------
@@ -236,9 +236,9 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
     Returns
     -------
     _ModalFields or None
-        None where the sum differs from the direct solution by more than `TOLERANCE`, and by more than rounding
-        explains: the eigenvectors are then close to dependent, as those of critical damping are. None too if Z is singular
-        at s0 or at a compared line, or the eigenvectors are dependent.
+        None where the sum differs from the direct solution by more than 1e-10, relative to it, and by more than
+        rounding explains: the eigenvectors are then close to dependent, as those of critical damping are. None too if Z
+        is singular at s0 or at a compared line, or the eigenvectors are dependent.
     """
     mass, damping = matrices[:2]
     stiffness = matrices[2] + 1j * matrices[3] if matrices[3].any() else matrices[2]

@@ -67,6 +67,12 @@ def exact_step(
     rate_change : (n_states, n_params, n_states) float array
     coupling_change : (n_states, n_params, n_inputs) float array
         Derivatives of A and B; n_params may be 0.
+
+    Returns
+    -------
+    Step
+        Matrices with z' = transition z + entry u, where u is the generator's state at the beginning of the step, and
+        their derivatives, with the parameter as the middle axis.
     """
     n_states, n_inputs = coupling.shape
     wide, n_params = n_states + n_inputs, rate_change.shape[1]

@@ -406,10 +406,10 @@ class PardisoAnalysis:
     """A pattern; the library's analysis of it is made when the first matrix comes, once for each arithmetic."""
 
     def __init__(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> None:
-        """Keep the upper triangle of a symmetric pattern; `loaded` (n,) marks rows that right-hand sides use, None for all.
+        """Keep the upper triangle of a symmetric pattern; `loaded` (n,) marks rows that loads use, None for all.
 
-        `indices` and `indptr` are the whole pattern in compressed columns. Marks are ignored where too
-        large a part of the rows (`_FEW`) has one.
+        `indices` and `indptr` are the whole pattern in compressed columns. Marks are ignored where more than a tenth of
+        the rows have one.
         """
         n = len(indptr) - 1
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))

@@ -84,10 +84,16 @@ def modes(
     damping, structural : (n_dofs, n_dofs) sparse arrays, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
-        How many; all by default (up to 20 for a large model).
+        How many; all by default (up to 20 for a model of more than 600 degrees of freedom).
     strains : function without arguments, optional
-        Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes are
-        then computed from B, whose relative rounding errors are much smaller.
+        Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes
+        are then computed from B, whose relative rounding errors are much smaller.
+
+    Returns
+    -------
+    Modes
+        Frequencies in Hz, damping ratios (0 for rigid-body modes), shapes (n_dofs, n_modes) of unit modal mass with the
+        entry largest in size positive, and relative rounding errors of the frequencies.
 
     Raises
     ------
@@ -318,10 +324,10 @@ def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: Flo
 def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
     """Negative shift, (rad/s)^2, just below the lowest eigenvalues, and the inverse of K - shift M.
 
-    `stiffness` K and `mass` M are (n_dofs, n_dofs). The inverse is None if a diagonal entry is 0. A mean of all eigenvalues is
-    a safe shift, also for a structure that can move freely, but on a fine mesh it lies millions of times above the lowest,
-    which Lanczos then cannot tell apart. Inverse iterations of a small block show how far below they lie, and the shift follows
-    until it is near them.
+    `stiffness` K and `mass` M are (n_dofs, n_dofs). The inverse is None if a diagonal entry is 0. A mean of all
+    eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies millions of times
+    above the lowest, which Lanczos then cannot separate. Inverse iterations of a small block show how far below they
+    lie, and the shift follows until it is near them.
     """
     shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
     least = _LEAST * shift

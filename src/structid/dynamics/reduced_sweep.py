@@ -63,7 +63,10 @@ class FieldSweep:
     """
 
     def __init__(self, stiffness: DynamicStiffness, pattern: tuple[IntArray, IntArray], right: FloatArray) -> None:
-        """A sweep of the model `stiffness`, its `pattern` (indices, indptr) and right-hand sides `right` (n_dofs, n_columns)."""
+        """Sweep of the model `stiffness` with `pattern` (indices, indptr) and right sides `right` (n_dofs, n_columns).
+
+        It begins at the middle line; nothing is solved yet.
+        """
         self.stiffness, self.right = stiffness, right
         self.basis = FieldBasis(stiffness, pattern, right)
         self.n_factorizations = 0
@@ -81,15 +84,16 @@ class FieldSweep:
         return self.basis.size
 
     def verified(self, error_of: ErrorOf) -> float | None:
-        """Error of the fields at the line with the largest residual, after the basis has grown until it is small enough.
+        """Error of fields at the line with the largest residual, after the basis has grown until it is small enough.
 
-        `error_of` returns the error of the basis at a line in parts of what is allowed; small enough is `_SAFE` of that.
+        `error_of` (line index, exact fields, projected fields) returns the error in parts of what is allowed; small
+        enough is 0.3 of that. Later calls return the error that was found.
 
         Returns
         -------
         float or None
-            The error there, in parts of what is allowed; None where there are fewer than `FEWEST_LINES` lines, or it takes
-            more than a third of them, or too large a basis: solve for each line then.
+            The error there, in parts of what is allowed; None where there are fewer than 20 lines, or it takes more
+            than a third of them (at least 3), or too large a basis: solve for each line then.
 
         Raises
         ------
@@ -215,6 +219,12 @@ def reduced_sweep(
     sensors : (n_dofs, n_readings) sparse array
     tolerance : float
         Largest error in parts of the largest reading of a line.
+
+    Returns
+    -------
+    ReducedSweep
+        Readings (n_lines, n_readings, n_loads), numbers of factorizations and of basis vectors, and the relative error
+        at the line verified last; 0 vectors and NaN where every line was solved for.
 
     Raises
     ------
@@ -369,9 +379,9 @@ class FieldBasis:
 
 
 def _sketching_matrix(n: int) -> sparse.csr_array:
-    """Random sparse matrix, (n_sums, n), that adds n equations with random signs; it keeps norms to about a tenth.
+    """Random sparse matrix, (2000, n), that adds n equations with random signs; it keeps norms to about a tenth.
 
-    n_sums is `_SUMS`; up to that many equations are not added, and the matrix is the identity (n, n).
+    Up to 2000 equations are not added, and the matrix is the identity (n, n). The random numbers are always the same.
 
     References
     ----------

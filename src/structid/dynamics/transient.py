@@ -46,13 +46,18 @@ def harmonic_transient(
     Parameters
     ----------
     mass, stiffness, damping : (n_dofs, n_dofs) arrays, sparse or dense
-        Symmetric; mass positive definite.
+        Symmetric; mass positive definite. None for damping is none.
     load : (n_dofs,) array
         Amplitude, N or N m.
     omega : float
         rad/s.
     time : (n_times,) array
         Instants in s, not negative and increasing.
+
+    Returns
+    -------
+    Transient
+        Displacement, velocity and acceleration, (n_times, n_dofs) each, in SI units.
 
     Raises
     ------
@@ -84,18 +89,23 @@ def sampled_transient(
     sampling_rate: float,
     damping: Matrix | None = None,
 ) -> Transient:
-    """Response from rest to loads that vary linearly between their samples (first-order hold), without discretization error.
+    """Response from rest to loads that vary linearly between their samples (first-order hold), exact at the samples.
 
     Parameters
     ----------
     mass, stiffness, damping : (n_dofs, n_dofs) arrays, sparse or dense
-        Symmetric; mass positive definite.
+        Symmetric; mass positive definite. None for damping is none.
     loads : (n_dofs, n_loads) array
         Force on each degree of freedom per unit of each signal.
     signals : (n_times, n_loads) array
         N or N m, the first sample at t = 0.
     sampling_rate : float
         Samples per second.
+
+    Returns
+    -------
+    Transient
+        Displacement, velocity and acceleration at the samples, (n_times, n_dofs) each, in SI units.
 
     Raises
     ------
@@ -210,10 +220,10 @@ def _undamped(
 def _driven(
     system: _ModalSystem, modal_load: FloatArray, omega: float, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Modal displacement and velocity from rest under load cos(omega t), with damping, (n_times, n_modes) each.
+    """Modal displacement and velocity from rest under load cos(omega t), with any damping, (n_times, n_modes) each.
 
-    `modal_load` is (n_modes,), `omega` in rad/s, `time` (n_times,) in s. The cosine and sine of the load are two
-    additional states of one matrix exponential.
+    `modal_load` is (n_modes,), `omega` in rad/s, `time` (n_times,) in s, increasing from 0 or more. The cosine and sine
+    of the load are two additional states of one matrix exponential.
     """
     n = len(system.natural)
     state_matrix, scale = system.state_matrix()
@@ -268,6 +278,11 @@ def free_decay(
         impulse of size p gives q1 = p phi(its place).
     damping_ratio : (n_modes,) float array or number
         Viscous, below 1.
+
+    Returns
+    -------
+    FreeDecay
+        Displacement, velocity and acceleration at the outputs, (n_times, n_outputs) each.
 
     Examples
     --------

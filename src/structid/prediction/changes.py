@@ -72,7 +72,10 @@ class Scale:
     factor: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """Unchanged `structure`, and `parameters` whose property values are multiplied by the factor.
+        """Unchanged `structure`, and `parameters` whose values of the property `label` are multiplied by the factor.
+
+        `label` names a property of an element set, as ``bending_stiffness[deck]``, or of one of its elements, as
+        ``bending_stiffness[deck:3]`` (from 1).
 
         Raises
         ------

@@ -69,10 +69,12 @@ class IdentifiedModel:
     def draw_parameters(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Random physical parameters within the uncertainty and the limits, (n_draws, n_params).
 
+        Models outside the limits, or with a positive parameter that is not, are drawn again.
+
         Raises
         ------
         NoAnswerError
-            If too few of `_MOST_TRIALS` times `n_draws` random models lie within the limits.
+            If fewer than `n_draws` of 200 times as many random models lie within the limits.
         """
         transforms = self.parameters.transforms
         positive = np.array([kind == "log" for kind in transforms.kinds])

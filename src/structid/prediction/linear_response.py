@@ -130,8 +130,13 @@ def linear_response(
     is_viscous : bool
         Whether loss factors are replaced by viscous dampings that take as much energy at each resonance.
     relative : bool
-        Whether motions are those beyond the quasi-static motion that the supports force on the structure. Where all supports
-        move alike, this is the motion against the ground.
+        Whether motions are those beyond the quasi-static motion that the supports force on the structure. Where all
+        supports move alike, this is the motion against the ground.
+
+    Returns
+    -------
+    LinearResponse
+        Map of the outputs, and a function from physical parameters (n_params,) to a sum over poles of displacements.
 
     Raises
     ------
@@ -172,10 +177,11 @@ def _with_supports(
 ) -> LinearResponse:
     """Response of a structure to forces and to accelerations of its moving supports `bases`, at least one.
 
-    With u = G u_g + r, where G is the quasi-static motion under unit motion of each base, the rest obeys
-    M r'' + C r' + K r = -(M G + M_g) u_g'' - (C G + C_g) u_g'
-    (Clough and Penzien 1993, Dynamics of Structures, Eq. 26.11), M_g and C_g the masses and dampings between structure and
-    supports. Loss factors and modal damping act on r alone. The other arguments are those of `linear_response`.
+    With u = G u_g + r, where G is the quasi-static motion under unit motion of each base, the rest obeys M r'' + C r' +
+    K r = -(M G + M_g) u_g'' - (C G + C_g) u_g' (Clough and Penzien 1993, Dynamics of Structures, Eq. 26.11), M_g and
+    C_g the masses and dampings between structure and supports. Loss factors and modal damping act on r alone. The other
+    arguments, and the result, are those of `linear_response`. `InputError` if the structure can move as a rigid body
+    with its supports fixed.
     """
     released = replace(structure, damping_ratio=None).release_supports(bases)
     found = output_map(released, outputs, derivative)
@@ -198,7 +204,8 @@ def _with_supports(
     def quasi_static(values: FloatArray) -> FloatArray:
         """Quasi-static motion (n_free, n_bases) of the free degrees of freedom under unit motion of each base.
 
-        `values` (n_values,) are the property values.
+        `values` (n_values,) are the property values. `InputError` if the structure can move freely with its supports
+        fixed.
         """
         stiffness = sparse.csc_array(plain.matrix("stiffness", values[same_values]))
         stiffness.sort_indices()
@@ -221,7 +228,11 @@ def _with_supports(
     everything = sparse.csc_array(sparse.eye_array(len(free)))
 
     def poles_at(physical: FloatArray) -> PoleSum:
-        """The response as a sum over poles, at the physical parameters (n_params,)."""
+        """Response (rows of the outputs by `inputs`) as a sum over poles, at the physical parameters (n_params,).
+
+        Outputs are displacements per unit force and per unit acceleration of each base. `InputError` if the structure
+        can move freely with its supports fixed.
+        """
         values = parameters.values(physical)
         reduced = reduce_structure(structure, values, basis, Sides(everything, loads))
         if reduced.is_rigid.any():

@@ -206,7 +206,7 @@ class ExportOptions:
 
     @property
     def largest_error(self) -> float:
-        """`error` as a number: 0.01 of ``1%``."""
+        """`error` as a number: 0.01 of ``1%``; `InputError` unless it lies between 0 and 1."""
         part = part_of_one(self.error)
         if not 0 < part < 1:
             raise InputError(f"`error` must be a part of 1, as 1% or 0.01, got {self.error!r}", "error")

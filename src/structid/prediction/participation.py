@@ -107,10 +107,10 @@ class ModalParticipation:
 
 
 def _on_moving_ground(structure: Structure, direction: str) -> tuple[Structure, IntArray, FloatArray]:
-    """The structure without damping ratios on ground that may move along `direction`, and a unit motion of the whole along it.
+    """Structure without damping ratios on ground that may move along `direction`, rows, and unit motion along it.
 
-    Also, between them, the positions (n_dofs,) of the degrees of freedom of `structure` among the n of the first. The motion (n,)
-    is 1 in the translations along `direction` and 0 elsewhere.
+    The rows (n_dofs,) are the positions of the degrees of freedom of `structure` among the n of the first. The motion
+    (n,) is 1 in the translations along `direction` ("X", "Y" or "Z") and 0 elsewhere.
     """
     undamped = replace(structure, damping_ratio=None)
     supports = [dof for dof in movable_supports(undamped) if dof.direction == direction]

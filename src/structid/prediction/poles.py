@@ -283,12 +283,12 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, b
     system : PoleSum
         Of viscous damping.
     loads : (n_times, n_inputs) float array
-        N or N m.
+        N or N m, and m/s^2 of supports: what outputs follow at once, as the direct part of accelerations.
     sampling_rate : float
         Samples per second.
     between : (n_times, n_inputs) float array
-        The loads as they run in straight lines between samples, `loads` themselves unless these were filtered: see
-        `band_limited_loads`. What follows a load at once follows `loads`.
+        The loads as they run in straight lines between samples, which drive the poles: `loads` themselves, or for loads
+        behind a filter against aliasing those of `band_limited_loads`.
     """
     step = 1 / sampling_rate
     upper = system.poles.imag >= 0

@@ -162,7 +162,23 @@ def predict_together(
 ) -> list[Prediction]:
     """Predictions of several quantities, in their order, by the same random models.
 
-    A history and its `Maxima` are computed once. The arguments are those of `predict`.
+    A history and its `Maxima` are computed once.
+
+    Parameters
+    ----------
+    source : Identification or IdentifiedModel
+    quantities : sequence of Quantity
+    n_draws, seed : int
+        Number of random models within the uncertainty from which bands are made, and what fixes them.
+    model_error : ModelError, optional
+        What the fitted responses missed beyond noise; by default that of an identification whose fit misses the noise.
+
+    Raises
+    ------
+    NoAnswerError
+        If the data do not determine the model.
+    InputError
+        If a sensor or load is not part of the structure, or a quantity has no meaning for it.
     """
     model, error = model_and_error(source, model_error)
     _require_quantities(quantities)
@@ -180,24 +196,27 @@ def predict_change(
 ) -> PredictedChange:
     """Quantity before and after changes of the structure, and the difference with its 95 % band.
 
-    Modes after the changes are those that are most like the ones before, in their order, also where a damper adds a mode or a
-    support takes one away.
+    Modes after the changes are those that are most like the ones before, in their order, also where a damper adds a
+    mode or a support takes one away.
 
     Parameters
     ----------
     source : Identification or IdentifiedModel
     quantity : Quantity
     changes : sequence of Change
-        See `structid.prediction.changes`.
+        In the order in which they are made: `AddMass`, `Scale`, `Remove`, `AddTunedMassDamper` and others.
     n_draws, seed : int
-        See `predict`.
+        Number of random models within the uncertainty from which bands are made, and what fixes them.
     model_error : ModelError, optional
-        See `predict`; the difference is without it, since a change does not change what the model misses.
+        What the fitted responses missed beyond noise; by default that of an identification whose fit misses the noise.
+        The difference is without it, since a change does not change what the model misses.
 
     Raises
     ------
-    NoAnswerError, InputError
-        As `predict` and `changed_model` do.
+    NoAnswerError
+        If the data do not determine the model.
+    InputError
+        If the quantity or a change names what the structure does not have, or the changed structure has no modes.
     """
     return predict_changes(source, [quantity], changes, n_draws, seed, model_error)[0]
 
@@ -210,9 +229,28 @@ def predict_changes(
     seed: int = 0,
     model_error: ModelError | None = None,
 ) -> list[PredictedChange]:
-    """Several quantities before and after changes, in their order, by the same random models.
+    """Several quantities before and after changes, in their order, by the same random models, with their differences.
 
-    The arguments are those of `predict_change`.
+    Modes after the changes are those most like the ones before, in their order.
+
+    Parameters
+    ----------
+    source : Identification or IdentifiedModel
+    quantities : sequence of Quantity
+    changes : sequence of Change
+        In the order in which they are made.
+    n_draws, seed : int
+        Number of random models within the uncertainty from which bands are made, and what fixes them.
+    model_error : ModelError, optional
+        What the fitted responses missed beyond noise; by default that of an identification whose fit misses the noise.
+        The differences are without it.
+
+    Raises
+    ------
+    NoAnswerError
+        If the data do not determine the model.
+    InputError
+        If a quantity or change names what the structure does not have, or the changed structure has no modes.
     """
     model, error = model_and_error(source, model_error)
     _require_quantities(quantities)
@@ -273,8 +311,8 @@ def _draw_all(
 ) -> list[_ValueAndDraws]:
     """Base of each quantity by the identified model, and by each of the random models, (n_draws, ...), as pairs.
 
-    `structure` and `parameters` may be those after a change. `InputError` for fewer than `_FEWEST` draws. `seed` fixes the
-    random models.
+    The base is what a quantity is derived from, as a history for its maxima, or the quantity itself. `structure` and
+    `parameters` may be those after a change. `InputError` for fewer than 50 draws. `seed` fixes the random models.
     """
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")

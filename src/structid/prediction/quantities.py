@@ -560,7 +560,7 @@ class Extremes(DerivedQuantity):
     probability: float | None = None
 
     def __post_init__(self) -> None:
-        """Check duration, probability and outputs; see the class."""
+        """Raise `InputError` unless `duration` is positive, `probability` within 0 and 1, or for von Mises stresses."""
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise InputError(f"`duration` must be greater than 0 s, got {self.duration:g}")
         if self.probability is not None and not 0 < self.probability < 1:

@@ -143,8 +143,9 @@ def state_space(
 ) -> StateSpace:
     """State equations of an identified model from loads to sensors, of the lowest order that the error allows.
 
-    They are balanced on that band and on some that end above it (Gawronski and Juang 1990) and cut off where this misses least;
-    free rigid motions are kept whole. Loss factors act as viscous dampings that take as much energy at each resonance.
+    They are balanced on that band and on some that end above it (Gawronski and Juang 1990) and cut off where this
+    misses least; free rigid motions are kept whole. Loss factors act as viscous dampings that take as much energy at
+    each resonance.
 
     Parameters
     ----------
@@ -163,6 +164,11 @@ def state_space(
         Models within the uncertainty whose equations are given too.
     seed : int
         Of those models.
+
+    Returns
+    -------
+    StateSpace
+        Matrices a, b, c and d in SI units, the error reached, and those of the models drawn.
 
     Raises
     ------
@@ -227,9 +233,10 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and `_ACROSS` across each resonance.
+    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and 25 across each resonance.
 
-    `low` and `high` are the ends of the band, Hz; frequencies outside it are left out.
+    `low` and `high` are the ends of the band, Hz; frequencies outside it are left out. Those of a resonance span three
+    half bandwidths on either side.
     """
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
@@ -317,9 +324,9 @@ class _Equations:
     ) -> _Equations:
         """Stable equations with `order` states, by that of the `balances` with the smallest error.
 
-        The error is judged against `exact`, the FRFs of these equations at `frequency` (Hz). Balancing on a band may lose a
-        resonance just above it; balancing over all frequencies does not, but spends states on what is outside the band.
-        `highest` is the upper end of the band, Hz. The equations themselves are returned if they have no more states.
+        The error is judged against `exact`, the FRFs of these equations at `frequency` (Hz). Balancing on a band may
+        lose a resonance just above it; balancing over all frequencies does not, but spends states on what is outside
+        the band. `highest` is the upper end of the band, Hz. `self` is returned if it has no more states than `order`.
         """
         if order >= self.n_states:
             return self

@@ -93,8 +93,9 @@ def tune_damper(
 ) -> TunedDamper:
     """The frequency and damping ratio of a tuned mass damper with which the largest response is smallest.
 
-    The response counts below which `quantile` of the models within the uncertainty stay: a damper that is best for the identified
-    model may be far off for others. The damper is coupled to the receptances of each model, so that no model is solved again.
+    The response counts below which `quantile` of the models within the uncertainty stay: a damper that is best for the
+    identified model may be far off for others. The damper is coupled to the receptances of each model, so that no model
+    is solved again.
 
     Parameters
     ----------
@@ -106,23 +107,30 @@ def tune_damper(
     outputs, inputs : sequence of str or Dof
         Whose receptances count; the one at `dof` by default.
     band : (float, float), optional
-        Hz; by default 35 % to each side of the mode that dominates the flexibility at `dof`. The damper is tuned to the mode that
-        does so within the band.
+        Hz; by default 35 % to each side of the mode that dominates the flexibility at `dof`. The damper is tuned to the
+        mode that does so within the band.
     quantile : float
     n_draws, seed : int
         Of the random models.
 
+    Returns
+    -------
+    TunedDamper
+        The best damper over the uncertainty and that for the identified model alone, and the largest receptances (m/N)
+        with either and without.
+
     Raises
     ------
     InputError
-        If `dof` is no translation of the structure, a number is out of its limits, `mass` is more than the mode moves as seen at
-        `dof`, or no mode in the band moves at `dof`.
+        If `dof` is no translation of the structure, a number is out of its limits, `mass` is more than the mode moves
+        as seen at `dof`, or no mode in the band moves at `dof`.
     NoAnswerError
         If the data do not determine the model.
 
     References
     ----------
-    Den Hartog (1985), Mechanical Vibrations, section 3.3: the start of the search, and the answer for one undamped mass.
+    Den Hartog (1985), Mechanical Vibrations, section 3.3: the start of the search, and the answer for one undamped
+    mass.
     """
     at_dof = parse_dof(dof)
     if at_dof.is_rotation:

@@ -74,7 +74,11 @@ class CorrelationRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Convert and check the arguments: shapes, finite values, channels named once, autocorrelations that are such."""
+        """Make arrays read-only and raise `InputError` on wrong shapes, values not finite, or doubled channels.
+
+        It is raised too if the sampling rate is not positive, lags are too few, an autocorrelation is not positive and
+        largest at lag 0, or all autocorrelations of several channels are 1 there (normalized functions).
+        """
         channels, references, quantities = checked_channels(
             self.channels, self.references, self.quantities, self.averages
         )

@@ -152,7 +152,11 @@ class FrfRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Convert, lock and check the fields."""
+        """Make arrays read-only and channels `Dof`, and raise `InputError` on what makes no FRF record.
+
+        Frequencies must increase from 0 or more, values be complex and finite, channels be named once, `coherence` be
+        from 0 to 1, and variances, sizes and `decay` at least 0.
+        """
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         if _is_magnitude(np.asarray(self.values)):
             raise InputError(
@@ -194,7 +198,7 @@ class FrfRecord(Shown):
             raise InputError(f"`segment` must be a duration above 0 s, got {self.segment:g}")
 
     def overview(self) -> Overview:
-        """Kind, lines, channels and noise, and one row for each sensor."""
+        """Overview: kind, lines, channels and noise in words, and one row for each sensor, its rms under each load."""
         first, last = self.frequency[[0, -1]].tolist()
         words = (
             f"{self.kind}, {plural(len(self.frequency), 'line')} from {format_number(first)} to {format_number(last)} Hz,"
@@ -386,9 +390,9 @@ def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: in
 
 
 def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfRecord:
-    """`record` with the variance that follows from its coherence and the number of averages; see `coherence_variance`.
+    """`record` with the variance |H|^2 (1 - g2) / (n g2) by its coherence g2 and the number n of averages.
 
-    `averages` replaces the number in the record. Noise known before (`relative`, `sizes`) is dropped.
+    `averages` replaces the number in the record; None takes that. Noise known before (`relative`, `sizes`) is dropped.
 
     Raises
     ------
@@ -535,7 +539,11 @@ class TimeRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Convert, lock and check the fields."""
+        """Make arrays read-only and channels `Dof`, and raise `InputError` on what makes no time record.
+
+        The rate must be positive, samples be finite, quantities be known, and each channel be named once for a
+        quantity.
+        """
         object.__setattr__(self, "values", locked(self.values, np.float64))
         object.__setattr__(self, "channels", parse_dofs(self.channels, "channels"))
         object.__setattr__(self, "quantities", tuple(self.quantities))
@@ -560,7 +568,7 @@ class TimeRecord(Shown):
             require_shape("variance", np.asarray(self.variance), (len(self.channels),))
 
     def overview(self) -> Overview:
-        """Number of channels, length and rate, and one row for each channel."""
+        """Overview: number of channels, length and rate in words, and one row with rms and unit for each channel."""
         n_times = len(self.values)
         words = (
             f"{plural(len(self.channels), 'channel')}, {n_times} samples at {format_number(self.sampling_rate)} Hz,"
@@ -637,10 +645,12 @@ def _listed(items: Sequence[Hashable]) -> str:
 
 
 def rename_channels(record: R, names: Mapping[str, str]) -> R:
-    """The record with its channels renamed by `names`, as in `structid.core.dof.renamed`; values and order stay.
+    """The record with its channels renamed by `names`, from names in the record to true ones; values and order stay.
 
-    Outputs and inputs of FRFs, and motions and loads of time histories, are renamed separately. An empty mapping returns
-    `record` itself.
+    A name stands for the sensors so called whatever their sign, or for loads where no sensor has it; ``load 3Z`` is the
+    load in any case. A new name such as ``3Z-`` reverses the sign. Outputs and inputs of FRFs, and motions and loads of
+    time histories, are renamed separately. An empty mapping returns `record` itself. `InputError` if there is no such
+    channel, or two would have one name.
     """
     if not names:
         return record

@@ -53,8 +53,9 @@ class ChosenForces:
 def likeliest_std(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> ChosenForces:
     """Forces of the spectrum of `process`, of the standard deviation under which the record is likeliest.
 
-    A model whose resonances are off by a part of their width makes far larger forces likelier than those that move the
-    sensors as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
+    It is sought from 0.01 to 3 times that which makes the measured motion (100 times for a free structure). A model
+    whose resonances are off by a part of their width makes far larger forces likelier than those that move the sensors
+    as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
     result is not trusted.
     """
     size, above = _first_std(setup, reduced, process), _decades_above(reduced)
@@ -74,11 +75,12 @@ def likeliest_time(
 ) -> ChosenForces:
     """Forces of the order of `process`, of an estimated correlation time and standard deviation.
 
-    From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood is
-    at most 2 below the greatest: accelerations hardly tell slow forces from none. It is bisected, as if the record got less
-    and less likely with shorter times; where it does not, a still shorter time may serve as well. The size falls with the
-    time to the power `order` - 1/2, so that the spectral density at high frequencies stays; a stated `std`, N, is kept, None
-    is estimated. For the trust see `likeliest_std`. The search goes through all times first, unless that of `process` `is_near`.
+    From the likeliest time and size on, the shortest time is taken under which the logarithm of the record's likelihood
+    is at most 2 below the greatest: accelerations hardly tell slow forces from none. It is bisected, as if the record
+    got less and less likely with shorter times; where it does not, a still shorter time may serve as well. The size
+    falls with the time to the power `order` - 1/2, so that the spectral density at high frequencies stays; a stated
+    `std`, N, is kept, None is estimated. Where the estimate runs into its upper limit, the size of the motion decides
+    instead, and the result is not trusted. The search goes through all times first, unless that of `process` `is_near`.
     """
     shortest, longest = np.log(_SHORTEST / setup.rate), np.log(len(setup.channels.measured) / setup.rate / 4)
     above = _decades_above(reduced)
@@ -143,7 +145,8 @@ def likeliest_time(
 def likeliest_order(setup: SensingSetup, reduced: ReducedMatrices, chosen: ChosenForces) -> ChosenForces | None:
     """Forces whose spectrum falls more steeply, where the record is likelier under them by more than chance; else None.
 
-    They have a correlation time and a size too, so that nothing else is weighed. A higher order is tried while it is likelier.
+    By more than chance is a log-likelihood above the greatest so far by over 2. They have a correlation time and a size
+    too, so that nothing else is weighed. A higher order than that of `chosen` is tried while it is likelier.
     """
     best = chosen
     while best.process.order < HIGHEST_ORDER:

@@ -142,7 +142,10 @@ class ForceModel:
 
 
 def count_independent_forces(structure: Structure, forces: Sequence[Dof]) -> int:
-    """Number of the unknown forces that move a structure independently of each other; those of one rigid part may not."""
+    """Number of the unknown forces that move a structure independently of each other; those on one rigid part may not.
+
+    It is the rank of their columns over the degrees of freedom; 0 without `forces`.
+    """
     if not forces:
         return 0
     columns = structure.selection(forces)

@@ -187,7 +187,8 @@ def _larger(whitened: FloatArray, replicates: Sequence[FloatArray], least: float
 def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
     """Words on whitened innovations (n_times, n) that are more correlated in time than those of replicates, else "".
 
-    `least` is the least excess of `foretold_part` over the mean of replicates; "" too if n is 0.
+    The sum of squared correlations with earlier ones must exceed those of all replicates significantly, and their mean
+    by more than `least`; "" too if n is 0.
     """
     if not whitened.size:
         return ""
@@ -200,8 +201,9 @@ def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: f
 def _may_be_uncertainty(whitened: FloatArray, replicates: Sequence[FloatArray], spread: FloatArray) -> bool:
     """True if the uncertainty of the model may make whitened innovations (n_times, n) larger than those of replicates.
 
-    They are then no white noise, whose `foretold_part` has the mean n n_lags / n_times and the variance 2 n_lags / n_times^2, and
-    their excess is less than three deviations: those of `spread` (n,).
+    They are then no white noise, whose sum of squared correlations has the mean n n_lags / n_times and the variance 2
+    n_lags / n_times^2, and their excess in mean square is less than nine times that of `spread` (n,), the deviation of
+    innovations among models within the uncertainty. False if n is 0.
     """
     if not whitened.size:
         return False

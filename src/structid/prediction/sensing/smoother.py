@@ -47,9 +47,10 @@ def smooth(setup: SensingSetup, fit: Filtered) -> Smoothed:
 
 
 def smoothed_outputs(setup: SensingSetup, fit: Filtered) -> tuple[FloatArray, FloatArray]:
-    """Smoothed outputs (n_times, n), in the order of `smooth`, and the smoother gain (n_states, n_states).
+    """Smoothed outputs (n_times, n), and the smoother gain (n_states, n_states).
 
-    The gain is the factor by which the error of a later state corrects the state one sample before.
+    Outputs are in order the wanted ones, left-out sensors and unknown forces. The gain is the factor by which the error
+    of a later state corrects the state one sample before.
     """
     steady, system, before = fit.steady, fit.steady.system, fit.before()
     back = np.linalg.solve(steady.predicted, system.transition @ steady.updated).T
@@ -62,10 +63,11 @@ def smoothed_outputs(setup: SensingSetup, fit: Filtered) -> tuple[FloatArray, Fl
 def error_spectra(
     setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess, frequency: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Spectral densities of outputs, in the order of `smooth`, under the unknown forces, and of what remains open of them.
+    """Spectral densities of outputs under the unknown forces, and of their error, (n_frequencies, n_outputs) each.
 
-    Both are (n_frequencies, n_outputs), up to one factor; `frequency` is in Hz. The second is the error of the smoother far from
-    the ends of a record.
+    Outputs are in order the wanted ones, left-out sensors and unknown forces; densities are up to one factor.
+    `frequency` is in Hz. The second is the error of the smoother far from the ends of a record. `process` is that of
+    each unknown force.
     """
     system = state_equations(setup, reduced, process)
     root = square_root(system.noise).astype(complex)

@@ -70,7 +70,10 @@ class CsvLayout:
     parts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Convert and check the fields."""
+        """Split `parts` at commas if they are one text, and raise `InputError` on a value or word that is not allowed.
+
+        `parts` must hold re and im, or magnitude and phase, each once.
+        """
         parts = self.parts.split(",") if isinstance(self.parts, str) else self.parts
         object.__setattr__(self, "parts", tuple(str(part).strip() for part in parts if str(part).strip()))
         if self.parts and sorted(set(self.parts) & set(PARTS[:4])) not in (["im", "re"], ["magnitude", "phase"]):
@@ -199,7 +202,7 @@ class ReadOptions:
     csv: CsvLayout | None = None
 
     def __post_init__(self) -> None:
-        """Convert and check the fields."""
+        """Make lists of channels, units and so on tuples of texts, and raise `InputError` on a value out of range."""
         for name in _LISTS:
             object.__setattr__(self, name, _as_texts(name, getattr(self, name)))
         object.__setattr__(self, "time_column", str(self.time_column))
@@ -239,7 +242,8 @@ def options_given_as_flags() -> Iterator[None]:
 def option_words(**values: object) -> str:
     """Text for an error message that names options of reading: as keys of a study and flags, or as flags alone.
 
-    Keywords are the options and their values, None where no value is proposed. See `options_given_as_flags`.
+    Keywords are the options and their values, None where no value is proposed. Flags stand alone within the context
+    `options_given_as_flags`, as on the command line.
     """
     flags = _flags(values)
     if _AS_FLAGS.get():
@@ -249,7 +253,10 @@ def option_words(**values: object) -> str:
 
 
 def layout_words(**values: object) -> str:
-    """Options of the layout of a table, with their values where these are known: keys of a study, or flags of a command.
+    """Options of the layout of a table, with their values where these are known: keys of a study, or flags.
+
+    Keywords are the options; None stands for a value that is not known. Flags are given within
+    `options_given_as_flags`.
 
     Examples
     --------
@@ -277,7 +284,10 @@ def _is_positive(value: object) -> bool:
 
 
 def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
-    """The value of the option `name` as a tuple of texts, from a list or from a text that is split at commas."""
+    """The value of the option `name` as a tuple of texts, from a list or from a text that is split at commas.
+
+    Raises `InputError` if the value is neither.
+    """
     if isinstance(value, str):
         return split_commas(value)
     try:

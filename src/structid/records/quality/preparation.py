@@ -75,7 +75,7 @@ class Preparation:
     remove_tones: Sequence[float] | Literal["auto"] | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields."""
+        """Raise `InputError` on an unknown word, a range that does not increase, or a number out of range."""
         degree = self.detrend
         whole = isinstance(degree, int) and not isinstance(degree, bool) and 1 <= degree <= 10
         if degree not in ("mean", "linear", "none") and not whole:
@@ -229,7 +229,7 @@ def _select_channels(record: TimeRecord, wanted: Preparation, steps: list[str]) 
 def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
     """`record` cut to `wanted.interval` in s, the whole record if None. A sentence is appended to `steps`.
 
-    Raises `InputError` if too few samples are left.
+    Raises `InputError` if fewer than 16 samples are left.
     """
     if wanted.interval is None:
         return record
@@ -291,9 +291,10 @@ def _repair_samples(
 
 
 def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:
-    """`record` without its mean, straight line or polynomial in each channel. A sentence is appended to `steps`.
+    """`record` without its least-squares mean, straight line or polynomial in each channel. A sentence goes to `steps`.
 
-    `degree` is "mean", "linear", "none" (unchanged) or the degree of the polynomial.
+    `degree` is "mean", "linear", "none" (unchanged) or the degree of the polynomial. Raises `InputError` if the record
+    has no more samples than the polynomial has terms.
     """
     if degree == "none":
         return record
@@ -311,7 +312,11 @@ def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> Ti
 
 
 def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
-    """`record` at `wanted.sampling_rate` in Hz, unchanged if None or equal. A sentence is appended to `steps`."""
+    """`record` at `wanted.sampling_rate` in Hz, unchanged if None or equal. A sentence is appended to `steps`.
+
+    An anti-alias filter goes first, which also lowers the noise variance. Raises `InputError` if the rates are in no
+    ratio of whole numbers up to 1000, the new one is higher, or the filter is longer than the record.
+    """
     if wanted.sampling_rate is None:
         return record
     ratio = rate_ratio(record.sampling_rate, wanted.sampling_rate)

@@ -63,9 +63,10 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
 
 
 def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
-    """Findings on each channel of `record` in turn: constant or dead, else faults of its samples and a level that is unusual.
+    """Findings on each channel of `record` in turn: constant or dead, else faults of samples and an unusual level.
 
-    Faults are clipping, late starts, drop-outs, double hits of forces and spikes of motions. Empty for a record without
+    Faults are clipping, late starts, drop-outs, double hits of forces and spikes of motions. A level is unusual if it
+    is 100 times the median of the channels of its quantity or more, or a hundredth or less. Empty for a record without
     faults; a constant or dead channel has no other finding.
     """
     level = record.values.std(axis=0)
@@ -100,7 +101,7 @@ def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
 
 
 def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding | None:
-    """Finding that channel `i` is constant, or dead against the `usual` level; None if it moves.
+    """Finding that channel `i` (from 0) is constant (to 1e-12) or dead (below 1e-9 of the `usual` level), or None.
 
     `level` is its standard deviation, in the unit of the channel as `usual`.
     """
@@ -170,9 +171,10 @@ def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
 
 
 def lost_samples(record: TimeRecord, i: int) -> list[tuple[int, int]]:
-    """Drop-outs of the channel with index `i` as (first sample, sample after the last) each, see `drop_outs`.
+    """Drop-outs of the channel with index `i` as (first sample, sample after the last) each: runs of a repeated value.
 
-    A run from the first sample on (late start) and a force at rest do not count.
+    Runs that clipping or the motion around explains do not count, nor do a run from the first sample on (late start)
+    and a force at rest, which is at its median.
     """
     y = record.values[:, i]
     runs = [part for part in drop_outs(y, clipped_samples(y)) if part[0] > 0]
@@ -184,6 +186,8 @@ def lost_samples(record: TimeRecord, i: int) -> list[tuple[int, int]]:
 
 def double_hit(record: TimeRecord, index: int) -> Finding | None:
     """Finding on the first blow of a force channel that another follows closely; None if there is none.
+
+    Closely means within 50 times the longer contact of the two, from start to start.
 
     Parameters
     ----------
@@ -209,7 +213,8 @@ def double_hit(record: TimeRecord, index: int) -> Finding | None:
 def _blows(force: FloatArray) -> list[tuple[int, int]]:
     """First and last sample of each hammer blow in `force` (n_times,), the magnitude of a force channel.
 
-    Empty if the force is large for too much of the record, as that of a shaker.
+    A blow is above a tenth of the largest force; gaps of up to twice its length so far belong to it. Empty if the force
+    is that large for more than a tenth of the record, as that of a shaker.
     """
     loud = np.flatnonzero(force > _BLOW * force.max())
     if not 0 < len(loud) <= _MOST_OF_RECORD * len(force):

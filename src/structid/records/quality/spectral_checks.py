@@ -128,9 +128,11 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
 
 
 def drifts(record: TimeRecord) -> tuple[Finding, ...]:
-    """Findings on motion channels with far more power in the first lines of the spectrum than in the next; not for decays.
+    """Findings on motion channels with far more power in the first lines of the spectrum than next; not for decays.
 
-    Under a measured force, such slow motion comes from the amplifier; ambient motion may be slow by itself.
+    The first 3 lines above 0 Hz must hold over 2 % of the power, and over 30 times the median of the next 20. Under a
+    measured force, such slow motion comes from the amplifier; ambient motion may be slow by itself. Empty for sound
+    channels or too short a record.
     """
     motion = [
         i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0
@@ -168,9 +170,9 @@ def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatA
 
 
 def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Finding if much power lies just below half the sampling rate, where an anti-alias filter leaves little; else empty.
+    """Finding if a channel has over 5 % of its power above 0.9 times half the sampling rate; else empty.
 
-    `motion` are the indices of the motion channels.
+    An anti-alias filter leaves little there. `motion` are the indices of the motion channels.
     """
     lines, power = _power(record, motion, min(512, len(record.values) // 2))
     nyquist = record.sampling_rate / 2
@@ -327,7 +329,8 @@ def _repeats(record: TimeRecord, length: int) -> bool:
 def _is_at_rest(record: TimeRecord, length: int) -> bool:
     """True if the motion is at rest both at the start and at the end of the segments, on average.
 
-    `length` is the number of samples in a segment. False if the record is shorter than that.
+    It is at rest if the mean square over the first and over the last 2 % of a segment is below 1 % of that of the
+    record. `length` is the number of samples in a segment. False if the record is shorter than that.
     """
     parts = _normalized_segments(record, length)
     end = max(int(_END * length), 1)

@@ -64,7 +64,11 @@ class FiniteSpectra:
     straight: float = 0.0
 
     def __post_init__(self) -> None:
-        """Convert, lock and check the fields."""
+        """Make arrays read-only, spread variances over all lines, and raise `InputError` on wrong shapes or values.
+
+        Values must be finite, variances of forces at least 0 and of motions above 0; an empty `driven` becomes all
+        False.
+        """
         for name, kind in (("frequency", float), ("force", complex), ("motion", complex)):
             object.__setattr__(self, name, locked(getattr(self, name), kind))
             require_finite(name, getattr(self, name))
@@ -166,11 +170,17 @@ def finite_spectra(
     band : (float, float), optional
         Lowest and highest line in Hz; every line above 0 Hz and below half the sampling rate by default.
     decay : float
-        Decay in 1/s: signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
-        far apart are kept, whose noise is nearly independent.
+        Decay in 1/s: signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines
+        that far apart are kept, whose noise is nearly independent.
     straight : bool
         True if forces are linear between samples, as in simulations; False if they hold nothing above half the sampling
         rate, as after an anti-alias filter.
+
+    Returns
+    -------
+    FiniteSpectra
+        Integrals of force (n_frequencies, n_inputs), N s, and of motion (n_frequencies, n_outputs), SI unit times s,
+        with E|error|^2 of each.
 
     Raises
     ------

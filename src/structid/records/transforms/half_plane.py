@@ -28,12 +28,12 @@ _FEWEST_MEANS = 250
 def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) -> FrfRecord:
     """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with their error as variance.
 
-    H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): an average with a
-    Lorentzian weight, which reduces noise too. It is formed of receptance, mobility and accelerance, each converted to the
-    record's kind by powers of s, and at each line the result with the smallest error is taken: receptance loses least at the
-    end of the band, and accelerance alone is bounded at 0 Hz where a structure is free. Transmissibility counts as
-    accelerance. Beyond the last line receptance and mobility count as 0, accelerance, which tends to a real limit, as its
-    mean near the end.
+    H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): an average
+    with a Lorentzian weight, which reduces noise too. It is formed of receptance, mobility and accelerance, each
+    converted to the record's kind by powers of s, and at each line the result with the smallest error is taken:
+    receptance loses least at the end of the band, and accelerance alone is bounded at 0 Hz where a structure is free.
+    Transmissibility counts as accelerance. Beyond the last line receptance and mobility count as 0, accelerance, which
+    tends to a real limit, as its mean near the end.
 
     Parameters
     ----------
@@ -48,10 +48,10 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
     -------
     FrfRecord
         FRFs with `decay` set. `variance` is E|error|^2: that of the noise, plus the error of a finite number of lines,
-        estimated from the part of the kernel beyond either end of the band and from the difference to every second line;
-        the error is at least `SMALLEST_ERROR` of the value. Lines where no channel has a relative error below
-        `LARGEST_ERROR` are left out; single values above it get a standard deviation of 100 times the error, or of 100 times
-        the value if that is larger.
+        estimated from the part of the kernel beyond either end of the band and from the difference to every second
+        line; the error is at least 2 % of the value (`SMALLEST_ERROR`). Lines where no channel has a relative error
+        below 25 % (`LARGEST_ERROR`) are left out; single values above it get a standard deviation of 100 times the
+        error, or of 100 times the value if that is larger.
 
     Raises
     ------

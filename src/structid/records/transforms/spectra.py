@@ -241,7 +241,8 @@ def _average_spectra(
 def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], frequency: FloatArray) -> None:
     """Raise `InputError` if an input has no power at a line, inputs are coherent, or segments are fewer than inputs.
 
-    `count` is the number of segments, `frequency` (n_lines,) in Hz.
+    Inputs are coherent if their spectral matrix, scaled to a unit diagonal, has a condition number above 1e8. `count`
+    is the number of segments, `frequency` (n_lines,) in Hz.
     """
     power = np.einsum("fii->fi", spectra.inputs).real
     silent = np.argwhere(power <= 0)
@@ -391,8 +392,8 @@ def estimate_frf(
 ) -> tuple[ComplexArray, FloatArray, FloatArray | None]:
     """FRF values, coherence and variance of the values, (n_lines, n_outputs, n_inputs) each.
 
-    The coherence is the same for all inputs. The variance is (1 - g2) S_yy [S_xx^-1]_ii / (n - q) for n = `averages` and q
-    inputs, see `frf_from_time`; None unless n is above q.
+    The coherence g2 is the same for all inputs. The variance of H1 is (1 - g2) S_yy [S_xx^-1]_ii / (n - q) for n =
+    `averages` and q inputs; that of H2 and Hv has the same ratio to |H|^2. It is None unless n is above q.
 
     Raises
     ------

@@ -300,7 +300,9 @@ class _Search:
     def remove(self, frequency: float, is_automatic: bool) -> str:
         """Subtract the tone near `frequency` (Hz) and return ""; without a tone there, return a sentence on the reason.
 
-        `is_automatic` says that the search proposed the frequency, which needs stronger evidence than a user's.
+        `is_automatic` says that the search proposed the frequency, which needs stronger evidence than a user's: random
+        motion must show as strong a line with a probability below 1e-6, else 1e-3. Of several phases that pass,
+        multiples of other tones' among them, the one with the greatest gain is subtracted.
         """
         if not self.is_inside(frequency):
             return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
@@ -378,7 +380,7 @@ class _Search:
         return [line, wandering]
 
     def improved(self, rough: _Evidence, noise: FloatArray) -> _Evidence:
-        """Evidence with its phase refined, or `rough` itself if that is too weak to be worth it.
+        """Evidence with its phase refined, or `rough` itself if noise is as strong with a probability above exp(-2).
 
         `noise` (n_channels,) is the power of a line of random motion.
         """
@@ -389,7 +391,10 @@ class _Search:
         return _judge_blocks(blocks, phase, max(1, len(phase.coefficients)), noise)
 
     def refined(self, phase: _Phase) -> _Phase:
-        """The phase after two Gauss-Newton steps; the motion is demodulated anew for each."""
+        """Phase after two Gauss-Newton steps: spline coefficients of a wandering tone, or frequency of a steady one.
+
+        The motion is demodulated anew for each step.
+        """
         for _ in range(2):
             time, blocks = _demodulated(self.values, self.rate, phase)
             error = _phase_error(time, blocks / np.sqrt(_line_noise(blocks)), phase)
@@ -637,9 +642,10 @@ def _amplitude_degrees(search: _Search, phase: _Phase) -> tuple[int, int]:
 
 
 def _tone_candidates(values: FloatArray, rate: float) -> list[float]:
-    """Frequencies in Hz where a tone may be, the most prominent first; their number is limited.
+    """Frequencies in Hz where a tone may be, the most prominent first; at most 40, over 0.6 % apart.
 
-    They are sharp lines, and narrow bands of steady motion, in `values` (n_times, n_channels) at `rate` in Hz.
+    They are lines 12 times above their surroundings, and narrow bands of steady motion, in `values` (n_times,
+    n_channels) at `rate` in Hz.
     """
     lines, height = _whitened_lines(values, rate)
     tops = 1 + np.flatnonzero(

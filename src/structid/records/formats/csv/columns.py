@@ -88,9 +88,10 @@ def _column(table: Table, j: int, error: InputError | None = None, text: str = "
 
 
 def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
-    """The time record of the channels in a CSV table, with gaps treated as `options` state.
+    """The time record of the channels in a CSV table, with gaps filled or refused as `options.longest_gap` allows.
 
-    The column of times gives rate and start, unless `options.sampling_rate` replaces it; columns of dates are left out.
+    The column of times gives rate and start, unless `options.sampling_rate` replaces it; columns of dates and columns
+    without a name are left out. None for `options` takes the defaults.
 
     Raises
     ------
@@ -133,7 +134,8 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
 def _time_column(table: Table, options: ReadOptions) -> int | None:
     """Index of the column of times, from 0; None if the table has none and the option `sampling_rate` replaces it.
 
-    `time_column` decides if set; else the first column headed as time, else a column of dates with clock times. Raises
+    `time_column` decides if set; else the first column headed as time that is no mere date, else a column of dates with
+    clock times. A column X beside Y and Z is no time, nor, with `sampling_rate`, is one that `columns` name. Raises
     `FileError` if there is none and `sampling_rate` is not set.
     """
     if options.time_column:
@@ -187,11 +189,10 @@ def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:
 
 
 def _require_one_clock(table: Table, axis: int, options: ReadOptions) -> None:
-    """Raise `InputError` if a further column headed as time is another clock than the column `axis`, as in pairs of times and
-    samples of several channels.
+    """Raise `InputError` if a further column headed as time is another clock than the column with index `axis`.
 
-    Another clock runs faster or slower over the rows that hold both times, or has the same name and starts at another time. A
-    column that does not rise is no clock.
+    Such tables hold pairs of times and samples for several channels. Another clock runs faster or slower over the rows
+    that hold both times, or has the same name and starts at another time. A column that does not rise is no clock.
     """
     clocks = [
         j for j, name in enumerate(table.names) if name_and_unit(name)[0].lower() not in ("x", "t") and is_time(name)
@@ -347,7 +348,9 @@ def sampling_rate(
     column: int,
     to_resample: bool = False,
 ) -> Rate | None:
-    """The sampling rate of a column of times (see `even_rate`); None if they are uneven and `to_resample` is set.
+    """Sampling rate of a column of times, with its error and the last digit; None if uneven and `to_resample`.
+
+    Steps count as even if they are equal to rounding, or differ by the last written digits only.
 
     Parameters
     ----------
@@ -363,6 +366,11 @@ def sampling_rate(
         Line of the first time and column of the times, from 1, for messages.
     to_resample : bool
         True if uneven times are to be resampled later, so that they are no error.
+
+    Returns
+    -------
+    Rate or None
+        Rate in Hz, its relative uncertainty, and the largest rounding step in s; the last two are 0 without rounding.
 
     Raises
     ------
@@ -695,10 +703,11 @@ def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
 
 
 def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The FRF record in a CSV table, as `select_channels` reduces it; each output needs a column for each input.
+    """FRF record in a CSV table, reduced to outputs and inputs of `options`; each output needs a column for each input.
 
-    If the table's names are not degrees of freedom, `options.outputs` and `options.inputs` state them, in the order of the
-    table; otherwise these options choose among the table's channels.
+    If the table's names are not degrees of freedom, `options.outputs` and `options.inputs` state them, in the order of
+    the table; otherwise these options choose among the table's channels, all if not set. Magnitudes and phases become
+    complex values; columns of standard deviations give the variance.
 
     Raises
     ------

@@ -230,9 +230,10 @@ def _without_comment_sign(line: str) -> str:
 
 
 def _named_with_statistics(header: Sequence[list[str]]) -> list[list[str]]:
-    """Names and units of a TOA5 table, from its three lines of names, units and statistics (``Smp``, ``Avg``, ``Max`` ...).
+    """Names and units of a TOA5 table, from its three lines of names, units and statistics (``Smp``, ``Avg`` ...).
 
-    What is no sample, by its statistic or else by its name, is marked as a statistic.
+    The name of a column that is no sample, by its statistic or else by the end of its name, is marked with the
+    statistic.
     """
     names, units, statistics = header
     named = []
@@ -250,9 +251,9 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
-    """Cells of each line, split at `separator` (" " for any blanks); quoted cells may hold separators and line ends.
+    """Cells of each line, split at `separator` (" " for any blanks); quoted cells may hold separators.
 
-    Raises `FileError` if quotes are unbalanced. `lines` are those of the table, with their line ends.
+    `lines` are those of the table, without their line ends. Raises `FileError` if quotes are unbalanced.
     """
     if separator == " " or not any('"' in line for line in lines):
         return Rows(lines, separator)
@@ -278,7 +279,10 @@ def _guess_separator(lines: Sequence[str]) -> str:
 
 
 def _count_number_rows(sample: Sequence[str], sign: str) -> int:
-    """Number of lines in `sample` that split at `sign` into two or more numbers, with a date allowed as the first cell."""
+    """Number of lines in `sample` that split at `sign` into two or more cells: numbers, or a date and then numbers.
+
+    Empty cells do not count.
+    """
     count = 0
     for line in sample:
         cells = line.split() if sign == " " else line.split(sign)

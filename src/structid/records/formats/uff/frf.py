@@ -142,7 +142,9 @@ def _choose_dofs(path: Path, name: str, texts: tuple[str, ...], present: list[Do
 def _functions_by_pair(path: Path, functions: Sequence[Dataset58], options: ReadOptions) -> dict[Pair, Dataset58]:
     """Functions by (output, input), named by the file, or by `options` for functions that `columns` chooses.
 
-    A single name in `outputs` or `inputs` then holds for all functions. Raises `FileError` if a pair occurs twice.
+    A single name in `outputs` or `inputs` then holds for all functions. Functions without a direction are left out if
+    `options` name others. Raises `FileError` if a pair occurs twice and is not left out, `InputError` if `outputs` or
+    `inputs` are neither 1 nor as many as the chosen functions.
     """
     named: dict[str, tuple[Dof, ...]] = {}
     for name in ("outputs", "inputs"):
@@ -317,7 +319,8 @@ def _stack_coherence(
     """Coherences of all pairs, (n_frequencies, n_outputs, n_inputs); None unless the file has one for every pair.
 
     `by_pair` are the FRFs that they belong to, `frequency` (n_frequencies,) the lines in Hz that they must share, and
-    `to_hertz` the factor from their abscissa to Hz. Raises `FileError` if a pair has two, or one is complex.
+    `to_hertz` the factor from their abscissa to Hz. Raises `FileError` if a pair has two, one is complex, or has other
+    lines.
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:

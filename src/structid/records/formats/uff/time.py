@@ -91,7 +91,9 @@ def _choose_functions(
 ) -> tuple[Sequence[Dataset58], tuple[Dof, ...], bool]:
     """Functions to read, their channels, and True if `options.channels` renames the functions that `columns` chose.
 
-    Without `columns`, `channels` chooses among the file's channels, in its order, each with all of its quantities.
+    Without `columns`, `channels` chooses among the file's channels, in its order, each with all of its quantities; all
+    functions are read without it. Raises `InputError` if the names differ in number from the chosen functions, or a
+    channel is missing.
     """
     if options.columns and options.channels:
         with about("channels"):

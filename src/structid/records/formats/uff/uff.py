@@ -51,8 +51,11 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     Raises
     ------
     FileError
-        If the file is truncated or damaged, does not say its units, holds neither FRFs nor time responses, both (choose with
-        ``ReadOptions(array="frf")`` or ``"time"``), or pairs are missing or doubled.
+        If the file is truncated or damaged, does not say its units, holds neither FRFs nor time responses, or pairs are
+        missing or doubled.
+    InputError
+        If it holds both FRFs and time responses and `options.array` is neither "frf" nor "time", or an option does not
+        apply.
     """
     blocks = read_blocks(path)
     tables = [block for block in blocks if block.number == 58]
