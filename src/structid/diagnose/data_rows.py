@@ -50,10 +50,11 @@ def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
 
 
 def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; empty if more than a tenth do.
+    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``, in rising order.
 
-    `residual` (n_data,) is the whitened residual of the problem. Runs of more than three lines are left out: they are
-    resonances that the model misses.
+    A line stands out if its misfit is 8 times the median of 21 lines about it, or 8 if that is below 1. Empty if more
+    than a tenth of the lines do (three at least). Runs of more than three lines are left out: they are resonances that
+    the model misses. `residual` (n_data,) is the whitened residual of the problem.
     """
     frequency = problem.frequency
     size = misfit_of_lines(problem, residual)
@@ -70,10 +71,11 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
 
 
 def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Steady tones in the misfit of a record, as ``50.003 Hz``, sorted by frequency; at most `MOST_TONES`.
+    """Steady tones in the misfit of a record, as ``50.003 Hz``, sorted by frequency; the six largest at most.
 
-    Their lines fall off from a peak as 1 / (f - f0)^2. The two lines about a tone have amplitudes in inverse proportion to
-    their distances from it. `residual` (n_data,) is the whitened residual of the problem.
+    A tone is a line that stands out, whose neighbours fall off as 1 / (f - f0)^2: four lines off the misfit is at most
+    1/16. The two lines about a tone have amplitudes in inverse proportion to their distances from it, which gives its
+    frequency. `residual` (n_data,) is the whitened residual of the problem.
     """
     frequency, size = problem.frequency, misfit_of_lines(problem, residual)
     level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)

@@ -35,7 +35,10 @@ _NO_PLACES = "causes were not looked for: frequencies without any shape show no 
 
 
 def budget_for_causes(identification: Identification) -> SearchBudget:
-    """The default budget of a search for causes: three times the effort of the identification, and 8 s of effort besides."""
+    """Default budget of a search for causes: three times the effort of the identification, and 8 s in addition.
+
+    The effort is 0.6 of that of all starts and iterations at the cost of one iteration; 0 without a target problem.
+    """
     search, effort = identification.estimate.search, 0.0
     if identification.target is not None:
         effort = STAGE_PART * search.n_starts * search.n_iterations * iteration_effort(identification.target)
@@ -140,7 +143,10 @@ def diagnose_identification(
 
 
 def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
-    """The reason why causes are not looked for, as a clause; "" where they can be.
+    """Reason why causes are not looked for, as a clause; "" where they can be.
+
+    Reasons are that the user wants none, a search without a Jacobian, a model without matrices, and records that name
+    no sensor.
 
     `explain` is False where the user asks for no search, True or None otherwise.
     """

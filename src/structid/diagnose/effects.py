@@ -70,11 +70,14 @@ def stiffness_scale(receptances: Receptances, directions: Directions, law: Compl
 def effect_of_addition(
     receptances: Receptances, directions: Directions, law: ComplexArray, strengths: FloatArray
 ) -> ComplexArray:
-    """Change of the FRF for a part q D a(s) D' added to Z: dh = -(D'y)' q a (I + q G a)^-1 D'x.
+    """Change of the FRF for a part q D a(s) D' added to the dynamic stiffness Z: dh = -(D'y)' q a (I + q G a)^-1 D'x.
+
+    x and y are the motions under the loads and under unit forces at the sensors, and G = D' Z^-1 D.
 
     Parameters
     ----------
     receptances : Receptances
+        Of one record.
     directions : Directions
         D, of m directions.
     law : (n_lines,), (n_lines, 1) or (n_lines, m) complex array
@@ -85,6 +88,7 @@ def effect_of_addition(
     Returns
     -------
     (n_strengths, n_lines, n_outputs, n_inputs) complex array
+        In the kind of the record.
     """
     m = directions.weights.shape[1]
     each = strengths[:, None, None] * law.reshape(len(law), -1)  # (n_strengths, n_lines, 1 or m)
@@ -98,9 +102,10 @@ def effect_of_addition(
 
 
 def _unit_response(receptances: Receptances, directions: Directions) -> tuple[ComplexArray, ComplexArray]:
-    """Response -(D'y)' D'x in the kind of the record, (n_lines, n_outputs, n_inputs), and G, (n_lines,), for one direction D.
+    """Response -(D'y)' D'x, (n_lines, n_outputs, n_inputs), and G = D' Z^-1 D, (n_lines,), for one direction D.
 
-    D'x, D'y and G are those of `Directions.projected`. Results for the directions last asked for are kept in `receptances`.
+    x and y are the motions under the loads and under unit forces at the sensors, Z the dynamic stiffness; the response
+    is in the kind of the record. Results for the directions last asked for are cached in `receptances`.
     """
 
     def respond() -> tuple[ComplexArray, ComplexArray]:
@@ -112,11 +117,14 @@ def _unit_response(receptances: Receptances, directions: Directions) -> tuple[Co
 
 
 def effect_of_coupling(receptances: Receptances, directions: Directions, k: ComplexArray) -> ComplexArray:
-    """Change of the FRF for a symmetric change D K D' of Z: dh = -(D'y)' K (I + G K)^-1 D'x.
+    """Change of the FRF for a symmetric change D K D' of the dynamic stiffness Z: dh = -(D'y)' K (I + G K)^-1 D'x.
+
+    x and y are the motions under the loads and under unit forces at the sensors, and G = D' Z^-1 D.
 
     Parameters
     ----------
     receptances : Receptances
+        Of one record.
     directions : Directions
         D, of m directions.
     k : (n_strengths, n_lines, m, m) complex array
@@ -125,6 +133,7 @@ def effect_of_coupling(receptances: Receptances, directions: Directions, k: Comp
     Returns
     -------
     (n_strengths, n_lines, n_outputs, n_inputs) complex array
+        In the kind of the record.
     """
     x, y, g = directions.projected(receptances)
     inner = k @ np.linalg.solve(np.eye(g.shape[-1]) + g @ k, np.broadcast_to(x, (len(k), *x.shape)))
@@ -136,8 +145,9 @@ def effect_of_friction(receptances: Receptances, directions: Directions, strengt
     """Change of the FRF by dry friction r (force per unit load) in one direction, as a stiffness i r / |x|.
 
     |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion
-    without it and g = d' Z^-1 d. For the first load alone, by harmonic balance. `strengths` (n_strengths,) are the values of r;
-    the result is (n_strengths, n_lines, n_outputs, 1).
+    without it and g = d' Z^-1 d, with d the direction and Z the dynamic stiffness. For the first load alone, by
+    harmonic balance. `strengths` (n_strengths,) are the values of r; the result is (n_strengths, n_lines, n_outputs,
+    1), in the kind of the record.
     """
     x, y, g = directions.projected(receptances)
     x, y, g = x[:, 0, 0], y[:, 0], g[:, 0, 0]
@@ -154,6 +164,8 @@ def effect_of_release(
     receptances: Receptances, coupling: ComplexArray, own: ComplexArray, strengths: FloatArray
 ) -> ComplexArray:
     """Change of the FRF by a compliance q: dh = (R'y)' q / (1 + q zeta) R'x, zeta = Z_cc - R' Z^-1 R.
+
+    Z is the dynamic stiffness, and x and y are the motions under the loads and under unit forces at the sensors.
 
     Parameters
     ----------
@@ -179,9 +191,10 @@ def effect_of_release(
 
 
 def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArray) -> ComplexArray:
-    """FRFs of one channel that reads the motions `ways` (n, n_dofs) instead, (n, n_lines, n_others).
+    """FRFs of one channel if it read the motions `ways` (n, n_dofs) instead, (n, n_lines, n_others).
 
-    The channel is the i-th output for axis 1, the i-th input for axis 2; n_others counts the channels of the other side.
+    Each row of `ways` weighs the free degrees of freedom. The channel is the output of index `i`, from 0, for `axis` 1,
+    or the input for `axis` 2; n_others counts the channels of the other side.
     """
     under = receptances.under_loads if axis == 1 else receptances.under_sensors
     factor = np.broadcast_to(receptances.factor, receptances.frf.shape).take(i, axis)

@@ -53,10 +53,11 @@ def diagnose_by_search(
     budget: SearchBudget,
     find_disagreements: SplitCheck,
 ) -> DiagnosedIdentification:
-    """The diagnosis of an answer after a search for the causes of its misfit within a budget of effort.
+    """Diagnosis of an answer after a search for the causes of its misfit within a budget of effort.
 
-    `sensitivities` are those of the answer to fixed values, `work` runs the fits, and `find_disagreements` returns parts of the
-    data whose fits disagree. Where the search fails, the diagnosis says so and has no causes.
+    `sensitivities` are those of the answer to fixed values, `work` runs the fits, and `find_disagreements` returns
+    parts of the data whose fits disagree. Where the search fails, the diagnosis says so and has no causes; where it
+    found a better fit of the unchanged model, the diagnosis says that the identification missed it.
     """
     estimate = identification.estimate
     try:
@@ -77,7 +78,10 @@ def diagnose_by_search(
 
 
 def _answer_as_model(model: TestedModel, identification: Identification) -> FittedModel:
-    """The answer as a `FittedModel` without changes, from which a search for causes starts; no fit is made for it."""
+    """Answer of an identification as a `FittedModel` without changes, from which a search for causes starts.
+
+    No fit is made for it. It has a test of the fit within tolerances where the identification made one.
+    """
     theta = identification.estimate.theta
     estimate = identification.estimate
     within = estimate.goodness.least_chi_square
@@ -96,9 +100,10 @@ def diagnose_sound(
 ) -> DiagnosedIdentification:
     """The diagnosis of a sound answer; fixed values or one change are fitted where the record asks for them.
 
-    `sensitivities` are those of the answer to fixed values, `work` runs the fits, `find_disagreements` returns parts of the
-    data whose fits disagree. At most three doubted fixed values are freed; small changes are tested only with
-    `may_test_changes` (False where the user asked for no search, or for all of it), and only where no fixed value is doubted.
+    `sensitivities` are those of the answer to fixed values, `work` runs the fits, `find_disagreements` returns parts of
+    the data whose fits disagree. At most three doubted fixed values are freed; single changes are tested only with
+    `may_test_changes` (False where the user asked for no search, or for all of it), and only where no fixed value is
+    doubted.
     """
     doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:
@@ -143,8 +148,9 @@ def _diagnose_explained(
 ) -> DiagnosedIdentification:
     """The diagnosis of an answer from the fitted changes of an `explanation`, with intervals that cover the likely ones.
 
-    With `is_search` False the changes count as suggestions, never as causes. `sensitivities` are those of the answer to fixed
-    values, and `find_disagreements` returns parts of the data whose fits disagree.
+    With `is_search` False the changes count as suggestions, never as causes. `sensitivities` are those of the answer to
+    fixed values, and are computed anew where the verdict is approximate; `find_disagreements` returns parts of the data
+    whose fits disagree. The result also has the fits of the changes in the order of the report.
     """
     estimate = identification.estimate
     is_doubted = bool(doubted(sensitivities))
@@ -182,9 +188,9 @@ def _diagnose_explained(
 
 
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
-    """Sentences that say which causes were not tried for lack of time, and how to continue; empty if all were.
+    """Sentence, in a tuple, on causes that were not tried for lack of time, and how to continue; empty if all were.
 
-    Of a large model they say instead that only a few changes are fitted, or only those of the records.
+    Of a large model it says instead that only a few changes are fitted, or only those of the records.
     """
     modified = explanation.base.modified
     if modified.is_large:
@@ -209,8 +215,9 @@ def _friction_like(cause: Cause) -> tuple[Cause, ...]:
 def _rank_changes(explanation: Explanation) -> list[tuple[FittedModel, bool]]:
     """Fitted changes in the order of the report, each with True if it cannot be distinguished from the likeliest.
 
-    First the two likeliest, then two second causes, the rest of those alike (up to four of them), and others. The list is cut
-    at four entries, or after those alike and two second causes if these are more.
+    Such are those whose criterion is less than 6 above the least. First the two likeliest of them, then two changes in
+    addition to the first cause, then the rest of at most four of them, then others. The list is cut at four entries, or
+    after those that cannot be distinguished and two second changes if these are more.
     """
     marked = [
         (one, criterion - explanation.criteria[0] < ALIKE)
@@ -224,10 +231,10 @@ def _rank_changes(explanation: Explanation) -> list[tuple[FittedModel, bool]]:
 
 
 def _cause(identification: Identification, explanation: Explanation, fit: FittedModel, is_alike: bool) -> Cause:
-    """A fitted change as a cause for the report, with the part of the misfit that it removes and the values that it moves.
+    """Fitted change as a cause for the report, with the part of the misfit that it removes and the values it shifts.
 
-    `is_alike` says that the data cannot distinguish it from the likeliest cause. The part of a second change is that of the
-    misfit which the first leaves.
+    `is_alike` says that the data cannot distinguish it from the likeliest cause. The part of a second change is that of
+    the misfit which the first leaves. Added parameters are stated with value and unit.
     """
     base, before, after, target = explanation.base, explanation.base.values, fit.values, fit.modified.target
     candidate = fit.cause
@@ -258,7 +265,7 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
 
 
 def _shifts(identification: Identification, base: FittedModel, fit: FittedModel) -> tuple[ParameterShift, ...]:
-    """Parameters of the answer with their values before and after a change, the farthest first.
+    """Parameters of the answer with their values before (`base`) and after a change (`fit`), the farthest first.
 
     Distance is the change in standard deviations of the answer; intervals are those of the fit with the change.
     """

@@ -76,7 +76,7 @@ class FixedValueSensitivity:
 
     @property
     def moved_words(self) -> str:
-        """A clause on how far the parameter that moves most goes where the fixed value is 1 % larger."""
+        """Clause on the parameter that moves most, in its standard deviations, if the fixed value is 1 % larger."""
         at = self.most_moved
         size = f"{abs(self.distance[at]):.2g}"
         moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}"
@@ -84,7 +84,11 @@ class FixedValueSensitivity:
 
     @property
     def words(self) -> str:
-        """A clause on the value that the record would prefer, and the parameter that would move with it, if any matters."""
+        """Clause on the value that the record would prefer, and the parameter that would move with it, if any matters.
+
+        Where a clock or sampling rate that is off looks the same, the clause says so instead, with the factor on the
+        stiffnesses.
+        """
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
         words = f"the record prefers {self.name}, fixed in the model, {more}"
         if self.is_like_clock:
@@ -100,9 +104,10 @@ class FixedValueSensitivity:
         return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
 
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
-        """True where the record prefers another value beyond chance and three tolerances, and a parameter would move with it.
+        """True if the record prefers another value beyond chance and three tolerances, and a parameter would move.
 
-        `risk` is the chance that any of `among` fixed values of a right model is doubted.
+        `risk` is the chance that any of `among` fixed values of a right model is doubted. False if the noise level is
+        unknown.
         """
         matters = self.is_like_clock or self.moved_by_pull is not None
         if not self.pull_std > 0 or not matters or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
@@ -126,9 +131,10 @@ def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity
 
 
 def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
-    """A clause on the fixed value that the intervals depend on most; "" where none matters.
+    """Clause on the fixed value in `held` that the intervals depend on most; "" where none matters.
 
-    A fixed value matters if 1 % of it moves a parameter by half a standard deviation or more.
+    A fixed value matters if 1 % of it moves a parameter by half a standard deviation or more; others that do are
+    counted.
     """
     most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
     if not most:

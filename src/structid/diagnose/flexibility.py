@@ -73,8 +73,9 @@ class ModalFlexibility:
 def modal_flexibility(structure: Structure, values: FloatArray, laplace: ComplexArray) -> ModalFlexibility:
     """Receptances of a model by its lowest modes, to beyond the band, and a residual term for all others.
 
-    The residual term is (K + s0^2 M)^-1 less what the computed modes have of it. The shift s0, the least |s|, keeps it finite
-    for a body that is not held; higher modes hardly feel it. Damping acts among the computed modes alone.
+    The residual term is (K + s0^2 M)^-1 less what the computed modes have of it. The shift s0, the least |s|, keeps it
+    finite for a body that is not held; higher modes hardly feel it. Damping acts among the computed modes alone. Modes
+    are computed up to three times the highest |s|, 40 at least and 160 at most.
 
     Parameters
     ----------

@@ -87,9 +87,11 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
 def _marked(
     several: tuple[FixedValueSensitivity, ...], together: tuple[FixedValueSensitivity, ...], stiffnesses: Sequence[str]
 ) -> tuple[FixedValueSensitivity, ...]:
-    """A copy of `several` in which the clearest of the fixed `stiffnesses` has the pull at all of them together as `clock_pull`.
+    """Copy of `several` in which the clearest of the fixed `stiffnesses` gets the pull at all of them as `clock_pull`.
 
-    A plain copy where a single fixed value explains more than all stiffnesses `together` do, or these are not seen.
+    `together` has the sensitivity to one factor on all of them, or is empty. The copy is plain where a single fixed
+    value explains more than all together do, or no fixed stiffness has a known pull. The clearest has the largest pull
+    in its standard deviations.
     """
     clear = [abs(one.pull / one.pull_std) for one in (*several, *together)]
     seen = [i for i, one in enumerate(several) if one.name in stiffnesses and np.isfinite(clear[i])]
@@ -102,7 +104,7 @@ def _marked(
 def _free_fixed_values(
     model: TestedModel, identification: Identification, fixed: Sequence[FixedValue], known: dict[str, float]
 ) -> Problem | None:
-    """The joint problem with the fixed values `fixed` among its unknowns, started at the answer; None where that fails.
+    """Joint problem with the values `fixed` among its unknowns, started at the answer; None if that fails.
 
     `known` has the identified values by parameter name.
     """

@@ -46,7 +46,10 @@ class FrfView:
     chosen: FloatArray | None = None
 
     def smoothed_at(self, level: float) -> FrfRecord | None:
-        """Smoothed data with a decay of `level` times the frequency; None where the lines or the model allow none."""
+        """FRFs smoothed with a decay of `level` times the angular frequency; None where lines or model allow none.
+
+        Made at the first call, then cached in `self.smooth`.
+        """
         if level not in self.smooth:
             has_modes = self.problem.structure.has_modes
             known = dict(smoothed_records(self.problem.record, (level,))) if has_modes else {}
@@ -80,6 +83,7 @@ def views(
     theta : sequence of (n_own,) float arrays
         Free variables of each problem, at which measured modes are scaled.
     options : IdentifyOptions
+        Decide how histories are averaged. Histories that are not have no view.
     """
     found = []
     for setup, problem, own in zip(setups, problems, theta, strict=True):
@@ -93,11 +97,12 @@ def views(
 
 
 def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
-    """A view of measured modes as FRFs with their stated errors, scaled to unit modal mass by the model's shapes.
+    """View of measured modes as FRFs with their stated errors, scaled to unit modal mass by the model's shapes.
 
-    Modes and shape entries that were not measured are the model's. Damping that is not fitted is the model's, with errors as
-    large as all that it does. Lines lie off the axis, where damping hardly counts; smoothed data are those of the same modes
-    farther off. The loads are the channels that move most. `theta` (n_params,) are the free variables of the model.
+    Modes and shape entries that were not measured are the model's. Damping that is not fitted is the model's, with
+    errors as large as all that it does. Lines lie off the axis, where damping hardly counts, 90 from 0.7 to 1.15 times
+    the measured frequencies and these; smoothed data are those of the same modes farther off. The loads are the two
+    channels that move most. `theta` (n_params,) are the free variables of the model.
     """
     state, pairs = problem.model.state(problem.physical(theta)), paired_modes(problem, theta)
     seen, gains = state.seen, problem.model.readings(problem.physical(theta))[0][:, None]

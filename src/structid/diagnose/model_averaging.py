@@ -26,12 +26,13 @@ def intervals_of(fitted: FittedModel, level: float) -> IntervalsByName:
 
 
 def widened(identification: Identification, likely: Sequence[FittedModel], direction: str | None) -> Identification:
-    """The identification with intervals and standard deviations that cover likely changed models as well.
+    """Identification with intervals and standard deviations that cover likely changed models as well; values stay.
 
-    Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
-    covariance and of the square of their distance from its values. Models have equal weight: with the misfits of wrong models,
-    likelihood weights would favour one changed model alone, which need not be the right one. A parameter on which the models
-    disagree by more than its value is not identified.
+    Intervals are the union of those of all these models; the covariance is the mean over the models of covariance plus
+    square of the distance from the identified values. Models have equal weight: with the misfits of wrong models,
+    likelihood weights would favour one changed model alone, which need not be the right one. A parameter on which the
+    models disagree by more than its value is not identified; notes and warnings say so, and the total mass has its
+    wider deviation.
 
     Parameters
     ----------

@@ -108,7 +108,11 @@ class AddUnknown:
     entry: Mapping[str, Any]
 
     def apply(self, draft: ModelDraft) -> None:
-        """Declare the unknown in every record of a model draft whose structure has some of its elements, for those alone."""
+        """Declare the unknown in every record of the draft whose structure has some of its elements, for those alone.
+
+        A record with fewer of the elements gets the unknown under the joint name of all, so that records share it.
+        Records with none are unchanged.
+        """
         names = as_list(self.entry["elements"])
         for record in draft.records:
             there = {element.name for element in record.structure.get("elements")}
@@ -176,10 +180,10 @@ class AddNode:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def _position(self, nodes: Mapping[Any, Any], key: Callable[[int], Any]) -> list[float]:
-        """Coordinates, m, of the new node, as many as `nodes` has for each node.
+        """Coordinates, m, of the new node: those of the node beside it plus offset, and a part of the way to another.
 
-        `nodes` maps keys to coordinates, and `key` makes such a key of a node label. The coordinates are rounded to six digits
-        if the node lies on the way towards another.
+        `nodes` maps keys to coordinates, and `key` makes such a key of a node label; there are as many coordinates as
+        that node has. They are rounded to six digits if the node lies on the way towards another.
         """
         first = np.atleast_1d(np.asarray(nodes[key(self.beside)], dtype=float))
         moved = first + np.array(self.offset[: len(first)])
@@ -194,12 +198,12 @@ class AddNode:
             structure.set("nodes", {**nodes, self.label: self._position(nodes, int)})
 
     def write(self, study: Tables) -> None:
-        """Write the new node into [structure.nodes] of a study.
+        """Write the new node, with its coordinates, into [structure.nodes] of the tables `study`, in place.
 
         Raises
         ------
         NoStudyTextError
-            If the study does not list the node beside it there.
+            If the study does not list there the node that it lies beside.
         """
         nodes = study["structure"].get("nodes")
         if nodes is None or str(self.beside) not in nodes:
@@ -243,7 +247,10 @@ class MoveBaseSupport:
         return Dof(self.label, support.direction, support.sign) if support.unsigned == self.dof else support
 
     def write(self, study: Tables) -> None:
-        """Replace the driving support by that of the new node in each [[structure.base]] of a study that has it."""
+        """Replace the driving support by that of the new node, in place, in each [[structure.base]] of `study`.
+
+        A support with a minus sign keeps it; bases without the support stay.
+        """
         for base in study["structure"].get("base", []):
             supports = [one for text in as_list(base["supports"]) for one in dofs_of_text(str(text))]
             if all(one.unsigned != self.dof for one in supports):
@@ -263,7 +270,7 @@ class RenameChannels:
         draft.records[self.record].rename_channels(dict(self.names))
 
     def write(self, study: Tables) -> None:
-        """Write the new names of channels into the ``relabel`` table of the record.
+        """Write the new names of channels into the ``relabel`` table of the record in the tables `study`, in place.
 
         Raises
         ------
@@ -286,10 +293,10 @@ class AimSensor:
     label: int
 
     def apply(self, draft: ModelDraft) -> None:
-        """Make the sensor read along `direction`: it becomes the channel of a new node that is tied to the node of the sensor.
+        """Make the sensor of a record of the draft read along `self.direction`, at a new node tied to its node.
 
-        The new node has the label `label` and the same position; the channel is renamed to its first translation that the model
-        has.
+        The new node has the label `self.label` and the same position; the channel is renamed to its first translation
+        that the model has.
         """
         structure = draft.structure_of(self.record)
         moves = [d for d in DIRECTIONS[:3] if d in (structure.original.active or ())]
@@ -303,7 +310,7 @@ class AimSensor:
         draft.records[self.record].rename_channels({self.dof.place: f"{self.label}{seen}"})
 
     def write(self, study: Tables) -> None:
-        """Write the direction of the sensor into [record.sensors] of its record.
+        """Write the direction of the sensor into [record.sensors] of its record in the tables `study`, in place.
 
         Raises
         ------
@@ -425,7 +432,9 @@ class AverageSegments:
     """The FRFs of all records are averages of segments under a Hann window."""
 
     def apply(self, draft: ModelDraft) -> None:
-        """Declare the FRFs of all records averages of Hann segments, each as long (s) as the inverse of the line spacing (Hz).
+        """Declare the FRFs of all records of the draft averages of Hann segments.
+
+        Each segment is as long (s) as the inverse of the line spacing (Hz).
 
         Raises
         ------
@@ -450,7 +459,7 @@ class ScaleAxis:
     factor: float
 
     def apply(self, draft: ModelDraft) -> None:
-        """Multiply frequencies, sampling rates, tones, bands and excluded spans of a model draft by the factor."""
+        """Multiply frequencies, sampling rates, tones, bands and excluded spans of a model draft by `self.factor`."""
         for record in draft.records:
             record.set("record", self._scale_axis(record.get("record")))
             if isinstance(record.setup, TimeSetup):
@@ -465,9 +474,10 @@ class ScaleAxis:
         return None if span is None else (self.factor * span[0], self.factor * span[1])
 
     def _scale_axis(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
-        """The record with its frequencies or sampling rate multiplied by the factor, and segment lengths divided by it.
+        """Record with its frequencies or sampling rate multiplied by `self.factor`, and segment lengths divided by it.
 
-        The covariance of modal frequencies and damping ratios is scaled too.
+        In the covariance of modal parameters the rows and columns of frequencies are scaled, those of damping ratios
+        are not.
         """
         if isinstance(record, TimeRecord):
             return replace(record, sampling_rate=self.factor * record.sampling_rate)
@@ -479,7 +489,7 @@ class ScaleAxis:
         return replace(record, frequency=self.factor * record.frequency, covariance=covariance)
 
     def write(self, study: Tables) -> None:
-        """Write the scaled sampling rates, bands and exclusions into the tables of a study.
+        """Write the scaled sampling rates, bands and exclusions into the tables `study`, in place.
 
         Raises
         ------
@@ -554,7 +564,9 @@ class MoveMass:
         return replace(element, nodes=nodes, directions=element.directions or self.directions)
 
     def write(self, study: Tables) -> None:
-        """Write the new node of the mass into the table of its element set.
+        """Write the new node of the mass, and the directions in which it moves, into the table of its element set.
+
+        The tables `study` are changed in place. Directions that the table has stay.
 
         Raises
         ------
@@ -602,7 +614,8 @@ class SeparateElement:
         Raises
         ------
         InputError
-            If it has a parameter already, or if it is a whole set and an unknown has no other set beside it.
+            If it has a parameter already, or if it is a whole set and an unknown is for this set alone or for parts of
+            it.
         """
         name, _, number = self.where.rpartition(":")
         name = name or self.where
@@ -655,7 +668,10 @@ class LetVary:
     name: str
 
     def _mark(self, entries: Sequence[Tables]) -> bool:
-        """Mark the unknown of this name in `entries` as varying from record to record, in place; True if there is any."""
+        """Mark the first unknown of this name in `entries` as varying from record to record; True if there is one.
+
+        The entries are changed in place. Unknowns declared with ``each`` do not count.
+        """
         for entry in entries:
             if label_of(entry) == self.name and not entry.get("each"):
                 entry["varies"] = True

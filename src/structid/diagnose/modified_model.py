@@ -128,7 +128,7 @@ class ModifiedModel:
         return replace(self, problems=fewer) if is_thinned else self
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one more change: a candidate with its strength; of small models the last ones are cached.
+        """Model with one more change, `candidate` with its `strength`; of small models the last 64 are cached.
 
         The effort of a change is counted in any case.
 
@@ -148,9 +148,10 @@ class ModifiedModel:
         return LastResults(MOST_CACHED)
 
     def _changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with the change `candidate` of size `strength` besides, made anew.
+        """Model with one more change, `candidate` with its `strength`, made anew.
 
-        Its data have the weights of this model's data; its start values are those of the set-ups.
+        Its data have the weights of the present model's data; its start values are those of the set-ups. Records that
+        the change leaves out are dropped.
 
         Raises
         ------
@@ -203,9 +204,10 @@ class ModifiedModel:
         return all(isinstance(problem, ModalProblem) for problem in self.problems)
 
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
-        """Pairs (decay, problem on data smoothed with it), in the order of `levels`, which are parts of the frequency.
+        """Pairs (level, joint problem on FRFs smoothed by it), in the order of `levels`.
 
-        Levels that the lines of any record do not allow are left out; empty if all records are of modes.
+        A level is a decay in parts of the angular frequency. Levels that the lines of any record do not allow are left
+        out; empty if all records are of modes.
         """
         if self.is_of_modes:
             return []
@@ -226,10 +228,11 @@ class ModifiedModel:
         return JointProblem(self.anchored_problems(), first_prior_counts=True)
 
     def anchored_problems(self) -> tuple[RecordProblem, ...]:
-        """Problems of the quick fit, one for each record, with every parameter held near its start.
+        """Problems of the quick fit, one for each record, with a prior at its start on every parameter that has none.
 
-        FRFs, also those that stand for histories, are fitted in logarithms on at most 300 lines with 10 % of model error; modes
-        as they are.
+        FRFs, also those that stand for histories, are fitted in logarithms on at most 300 lines with 10 % of model
+        error; modes as they are. The prior has a deviation of 20 % of the size of a parameter of the structure, 100 %
+        of that of a channel error.
         """
         held: list[RecordProblem] = []
         for of, view in zip(self._fitted_near(), self.views, strict=True):
@@ -265,8 +268,8 @@ class ModifiedModel:
     def _free_fixed_values(self, problems: Sequence[FrfProblem]) -> tuple[RecordProblem, ...]:
         """FRF problems of all records with the fixed values of their models among the unknowns; empty for large models.
 
-        `problems` has one FRF problem for each record. The common gain of a record is kept only where it is one of FRFs or
-        histories.
+        `problems` has one FRF problem for each record. The gain that all channels of a record share is kept only where
+        the record is one of FRFs or histories.
         """
         if self.is_large:
             return ()
@@ -409,9 +412,10 @@ def _prepared(
     options: IdentifyOptions,
     is_same_record: bool,
 ) -> RecordProblem:
-    """The problem of a changed set-up; transformed histories of the earlier problem are reused where the record is unchanged.
+    """Problem of a changed set-up, with transformed histories of the earlier problem where the record is unchanged.
 
-    `earlier_setup` and `earlier_problem` are those before the change. `is_same_record` is True if the options are unchanged.
+    `earlier_setup` and `earlier_problem` are those before the change. `is_same_record` is True if the options are
+    unchanged. Histories are reused where they are fitted as spectra, and channel errors and settings are the same too.
     """
     if (
         is_same_record
@@ -427,7 +431,7 @@ def _prepared(
 
 
 def _on_fewer_lines(problem: RecordProblem) -> RecordProblem:
-    """The problem on 300 evenly spaced lines; as it is where it has less than 450, or its data are not lines."""
+    """Problem on 300 evenly spaced of its lines or samples; the same problem if it has fewer than 450."""
     n_lines = len(problem.frequency)
     if n_lines < WORTH_THINNING * NEAR_LINES:
         return problem
@@ -447,9 +451,10 @@ def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
 def _same_view(
     problem: RecordProblem, setup: AnySetup, earlier_setup: AnySetup, earlier_view: FrfView, options: IdentifyOptions
 ) -> FrfView:
-    """FRF view of a changed problem; data and quick-fit lines of the earlier view are reused where the record is the same.
+    """FRF view of a changed problem, with data and quick-fit lines of the earlier view where the record is the same.
 
-    `setup` is that of the changed problem, `earlier_setup` and `earlier_view` those before the change.
+    `setup` is that of the changed problem, `earlier_setup` and `earlier_view` those before the change. FRFs of another
+    record keep the lines of the quick fit: by their numbers if there are as many lines, else by frequency.
     """
     if isinstance(problem, FrfProblem):
         known = earlier_view.problem.record

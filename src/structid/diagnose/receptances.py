@@ -112,7 +112,11 @@ class Receptances:
         return self._stiffness_columns(structure, np.arange(structure.n_dofs))
 
     def flexibility(self, rows: IntArray) -> ComplexArray:
-        """Receptances G = Z^-1 in m/N among the degrees of freedom `rows`, (n_lines, n_rows, n_rows); zero at driven ones."""
+        """Receptances G = Z^-1 among the degrees of freedom at indices `rows` (n_rows,), (n_lines, n_rows, n_rows).
+
+        In SI units: m/N, or rad/(N m) for rotations. Measured components are included; zero at driven degrees of
+        freedom.
+        """
         block = self._alone.block(rows)
         if self._ends is None:
             return block
@@ -122,9 +126,10 @@ class Receptances:
 
     @cached_property
     def _alone(self) -> Flexibility:
-        """Receptances G = Z^-1 of the model without measured components, in m/N; zero at driven degrees of freedom.
+        """Receptances G = Z^-1 of the model without measured components; zero at driven degrees of freedom.
 
-        By modes for more than `MOST_DENSE_DOFS` degrees of freedom without driving supports, else by an inverse at each line.
+        In SI units: m/N, or rad/(N m) for rotations. By modes for more than 600 degrees of freedom without driving
+        supports, else by an inverse at each line.
         """
         if self.structure.n_dofs > MOST_DENSE_DOFS and not self._bases:
             return modal_flexibility(self.structure, self.values, self.laplace)
@@ -142,10 +147,10 @@ class Receptances:
 
     @cached_property
     def _joints(self) -> tuple[ComplexArray, ComplexArray]:
-        """Motion under unit forces at the joints, and the receptance of both sides there.
+        """Motion of the model alone under unit forces at the joints, and the summed receptance of both sides there.
 
-        Shapes are (n_lines, n_dofs, n_ends) and (n_lines, n_ends, n_ends). Joints are the degrees of freedom where measured
-        components meet the model; there must be some.
+        Shapes are (n_lines, n_dofs, n_ends) and (n_lines, n_ends, n_ends). Joints are the degrees of freedom where
+        measured components meet the model; there must be some.
         """
         assert self._ends is not None
         pushed = self._alone.motion(self._ends)
@@ -164,7 +169,8 @@ class Receptances:
     def under_loads(self) -> ComplexArray:
         """Motion of all free degrees of freedom under each load of the record, (n_lines, n_dofs, n_inputs).
 
-        It is x = G f under unit forces f, or x = b - G Z b under unit support motions b.
+        It is x = G f under unit forces f, or x = b - G Z b under unit support motions b, with Z the dynamic stiffness
+        and G its inverse. Measured components are included.
         """
         loads = self.structure.selection(self.problem.record.inputs).toarray()
         if not self._bases:
@@ -196,10 +202,10 @@ class Receptances:
 
     @cached_property
     def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:
-        """Supports that can give way, Z between the free degrees of freedom and them, and Z of each support with itself.
+        """Supports that can be released, the dynamic stiffness Z between free motions and them, and Z of each alone.
 
-        Shapes: (n_supports) tuple, (n_lines, n_dofs, n_supports), (n_lines, n_supports). Supports that drive give way against
-        what moves them. There are none where the structure has reduced components.
+        Shapes: (n_supports) tuple, (n_lines, n_dofs, n_supports), (n_lines, n_supports). Supports that drive are
+        released against what moves them. There are none where the structure has reduced components.
         """
         structure = self.structure
         n_lines, n_dofs = len(self.laplace), structure.n_dofs
@@ -219,7 +225,10 @@ class Receptances:
         return tuple(held), follow.T @ columns, columns[:, ends, np.arange(len(ends))]
 
     def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
-        """Columns, by their indices `columns`, of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
+        """Columns, by their indices `columns`, of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns).
+
+        Z = s^2 M + s C + K + i D, with D the structural damping.
+        """
         inertia, viscous, elastic, structural = (
             structure.matrix(kind, self.values)[:, columns].toarray()
             for kind in ("mass", "damping", "stiffness", "structural_damping")
@@ -248,7 +257,7 @@ class Receptances:
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
 
     def along(self, codes: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Positions (n_rows,) of the free degrees of freedom that take part in directions, and their weights, (n_rows, m).
+        """Indices (n_rows,) of the free degrees of freedom that take part in m directions, and weights (n_rows, m).
 
         The directions are `weights` (n_codes, m) on the degrees of freedom `codes` (n_codes,). Results are cached.
         """
@@ -301,7 +310,9 @@ class Receptances:
 
 
 def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LINES) -> Receptances:
-    """The receptances of an FRF problem at free variables, on as many of its lines as time and memory allow, evenly chosen.
+    """Receptances of an FRF problem at free variables, on as many of its lines as time and memory allow.
+
+    Of more than `most_lines` lines, or fewer for large models (40 at least), as many are evenly chosen.
 
     Parameters
     ----------

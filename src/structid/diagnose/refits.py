@@ -128,7 +128,10 @@ class FittedModel:
         return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT, columns)
 
     def _within_tolerances(self, fixed_values: FixedValues) -> FitWithinTolerances | None:
-        """The fit with fixed values free that the tolerance test rests on, computed again; None without a test."""
+        """Fit with fixed values free that the tolerance test of this fit is of, computed again; None without a test.
+
+        At the free variables that the test has; by a new search if these are not known.
+        """
         names, test = self.modified.target.names, self.tolerance_test
         if test is None:
             return None
@@ -153,10 +156,11 @@ class FittedModel:
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, left_out: float = 0.0) -> FittedModel:
-    """A `FittedModel` at free variables `theta` (n_params,); with a tolerance test where its misfit is beyond noise.
+    """`FittedModel` at free variables `theta` (n_params,), with a tolerance test if its misfit is beyond noise.
 
-    `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included. Large models,
-    and those without fixed values, have no tolerance test.
+    `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included. The
+    test fits once more with fixed values free within their tolerances, first on fewer lines. Large models, and those
+    without fixed values, have none.
     """
     fitted = FittedModel(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
@@ -172,9 +176,9 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
 
 
 def is_beyond_noise(fitted: FittedModel, counts_left_out: bool = False) -> bool:
-    """True where noise leaves so much misfit with a probability below 0.001, with fixed values as they are.
+    """True if noise leaves so much misfit with a probability below 0.001, with fixed values as they are.
 
-    Data that the fit leaves out count only where `counts_left_out`. False without degrees of freedom.
+    Data that the fit leaves out count only with `counts_left_out`. False without degrees of freedom.
     """
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
@@ -216,11 +220,12 @@ RefitTask = tuple[Candidate, float, FloatArray]
 
 
 def fit_near(base: FittedModel, change: NearFitTask, tools: TaskContext) -> StoredFit:
-    """The quick fit of a change, parameters kept near their start; an empty dict where no model has the change.
+    """Quick fit of a change to `base`, parameters kept near their start, as a dict; empty if no model has the change.
 
-    `change` is the candidate, its strength, and the limit of the sum of squares for each stage (no limits if empty). A fit that
-    would not get below its last limit ends early, and its sum of squares is then only known to be above that; it is empty too
-    where an earlier stage ends above its limit.
+    `change` is the candidate, its strength, and the limit of the sum of squares for each stage (no limits if empty). A
+    fit that would not get below its last limit ends early, and its sum of squares is then only known to be above that;
+    the dict is empty too where an earlier stage ends above its limit. Keys are ``theta`` (free variables),
+    ``chi_square`` (with the misfit of data left out) and ``costs`` (of the stages). `tools` is not used.
     """
     candidate, strength, limits = change
     try:
@@ -233,10 +238,11 @@ def fit_near(base: FittedModel, change: NearFitTask, tools: TaskContext) -> Stor
 
 
 def fit_fully(base: FittedModel, item: RefitTask, tools: TaskContext) -> StoredFit:
-    """The full fit of a change, as the options of the identification ask for; an empty dict where it fails.
+    """Full fit of a change to `base`, as the options of the identification ask for; an empty dict where it fails.
 
-    `item` is the candidate, its strength and the free variables of its quick fit, where the fit starts. Gains that only leave a
-    channel out, and records of another state that the model does not fit alone, are dropped as well.
+    `item` is the candidate, its strength and the free variables of its quick fit, where the fit starts. Gains that only
+    leave a channel out, and records of another state that the model does not fit alone, give an empty dict as well.
+    `tools` is not used.
     """
     candidate, strength, theta = item
     try:
@@ -249,7 +255,10 @@ def fit_fully(base: FittedModel, item: RefitTask, tools: TaskContext) -> StoredF
 
 
 def _is_no_gain(base: FittedModel, fitted: FittedModel) -> bool:
-    """True where a fitted channel gain is beyond `MOST_GAIN` or its inverse, and is not the factor of a mistaken unit."""
+    """True if a fitted channel gain is above 30 or below 1/30, and is not the factor of a mistaken unit.
+
+    Gains are the positive parameters that `fitted` has and `base` has not.
+    """
     candidate = fitted.cause
     assert isinstance(candidate, Gain)
     added = [value for name, value in fitted.values.items() if name not in base.values and value > 0]
@@ -288,9 +297,10 @@ def fit_mirrored(
 
 
 def _fits_alone(base: FittedModel, candidate: Candidate) -> bool:
-    """True where the model fits the candidate's record by itself to a chi-square per degree of freedom below 2.
+    """True if the model fits the candidate's record alone to a chi-square per degree of freedom below 2.
 
-    The record then has values different from those of the other records, as of another state of the structure.
+    The search starts from the values of `base`. The record then has values different from those of the other records,
+    as of another state of the structure.
     """
     assert candidate.record is not None
     problem = base.modified.problems[candidate.record]
@@ -316,7 +326,10 @@ def _stored(fitted: FittedModel) -> StoredFit:
 
 
 def restore_fit(base: FittedModel, candidate: Candidate, stored: StoredFit) -> FittedModel:
-    """The `FittedModel` of a candidate, its changed model included, from what `fit_fully` returned; `stored` must not be empty."""
+    """`FittedModel` of a candidate, its changed model included, from `stored`, what `fit_fully` returned.
+
+    `stored` must not be empty. If it is of a mirrored position, its position counts instead of the candidate's.
+    """
     where = tuple(stored["where"])
     if where != candidate.where:  # the candidate itself has its model in the cache
         candidate = replace(candidate, where=where)
@@ -331,12 +344,17 @@ def restore_fit(base: FittedModel, candidate: Candidate, stored: StoredFit) -> F
 
 
 def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> FittedModel:
-    """The full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
+    """Full fit of a changed model: the best of those from `theta` (n_params,) and from the values of `base`.
 
-    Candidates with `begins_at_start` are fitted from the start values too. Starts are compared on fewer lines, and so are
-    other strengths where the kind of change asks for them; all starts count where the best cannot be evaluated on all lines.
-    Outlying lines and tones are looked for again after the fit,
-    up to four times.
+    Candidates with `begins_at_start` are fitted from the start values too. Starts are compared on fewer lines, and so
+    are other strengths where the kind of change asks for them; all starts count where the best cannot be evaluated on
+    all lines. Outlying lines and tones are searched for again after the fit, up to four times. The misfit of data that
+    the change leaves out is added.
+
+    Raises
+    ------
+    StructidError
+        If no start can be evaluated, or the limits of the fit are reached.
     """
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
@@ -360,9 +378,10 @@ def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArra
 
 
 def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Minimum) -> tuple[ModifiedModel, Minimum]:
-    """The best fit on fewer lines over several strengths of the last change: the model with that strength, and its minimum.
+    """Best fit on fewer lines over several strengths of the last change: the model with that strength, and its minimum.
 
-    `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
+    Each factor of the candidate's `other_strengths`, and its inverse, is tried on the best strength so far, within the
+    bounds. `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
     """
     candidate, strength, _ = modified.changes[-1]
     for step in candidate.other_strengths:
@@ -388,10 +407,10 @@ def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: FittedMod
 
 
 def _with_other_lines(base: FittedModel, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
-    """The model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
+    """Model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
 
-    None where these are the same as before or there are none, for every other kind of candidate, and for several
-    records. `theta` is (n_params,).
+    Outlying lines replace those before; tones are added to them. None where these are the same as before or there are
+    none, for every other kind of candidate, and for several records. `theta` is (n_params,).
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
@@ -417,9 +436,10 @@ def _residual_of_all_data(
 
 
 def _misfit_left_out(base: FittedModel, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
-    """Misfit of the data that the last change leaves out, their errors larger by the likeliest factor; 0 if it leaves none out.
+    """Misfit of the data that the last change leaves out, with errors larger by the likeliest factor.
 
-    `theta` holds the free variables of the changed model. With `is_near` the misfit is that of the quick fit's problems.
+    0 if it leaves none out. `theta` holds the free variables of the changed model `modified`. With `is_near` the misfit
+    is that of the quick fit's problems.
     """
     candidate = modified.changes[-1].candidate
     if not candidate.leaves_data_out:

@@ -109,7 +109,8 @@ class Point:
     def without(self, mask: np.ndarray) -> float:
         """Misfit after a linear step where the errors of the masked data rows are larger by the likeliest factor.
 
-        `mask` (n_data,) is True for these rows of all records.
+        `mask` (n_data,) is True for these rows of all records. The step fits the rows that are not masked, and
+        directions that fixed values damp have priors.
         """
         keep = np.ones(len(self.residual), dtype=bool)
         keep[: len(mask)] = ~mask
@@ -126,8 +127,8 @@ class Point:
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
         """Screening result of every candidate, in the same order: its best strength and the misfit that this leaves.
 
-        Parameters follow by a linear step. The most promising of each kind (`FINELY_SCREENED` of them) are looked at with all
-        their strengths and some more, the others with every second strength.
+        Parameters follow by a linear step. The 16 most promising of each kind are screened with all their strengths and
+        some more, others with every second strength. Candidates with equal effects are computed once.
         """
         keys = [self._key(candidate) for candidate in candidates]
         first: dict[_Key, Candidate] = {}
@@ -188,10 +189,11 @@ class Point:
         return *values, *moves
 
     def _first_screening(self, candidates: Sequence[Candidate]) -> list[_CandidateScreening]:
-        """A first screening of each candidate, by every second one of its strengths.
+        """First screening of each candidate, in their order, by every second one of its strengths.
 
         It has the misfit at each strength after a linear step of the parameters, the strength of least misfit by the
-        candidate's slope (0 for a candidate with one strength), and the lowest misfit by either.
+        candidate's slope (0 for a candidate with one strength), and the lowest misfit by either, where the former is
+        within bounds.
         """
         every_second = [candidate.strengths[::2] for candidate in candidates]
         small = [_SMALL * np.abs(strengths).min() for strengths in every_second]
@@ -218,9 +220,10 @@ class Point:
     def _closer(
         self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening]
     ) -> list[_CandidateScreening]:
-        """First screenings `looks` of candidates, in their order, with the other strengths and some near the best appended.
+        """First screenings `looks` of candidates, in their order, with further strengths appended.
 
-        Unchanged for candidates with one strength.
+        These are the strengths that were skipped, then 0.5, 1 and 2 times the strength by the slope, and 0.75 and 1.35
+        times the best one, within bounds. Unchanged for candidates with one strength.
         """
         others = [candidate.strengths[1::2] for candidate in candidates]
         looks = self._with_strengths(candidates, looks, others)
@@ -269,7 +272,11 @@ class Point:
     def _off_parameters_together(
         self, candidates: Sequence[Candidate], strengths: Sequence[FloatArray]
     ) -> list[FloatArray]:
-        """Residuals as of `_residuals_off_parameters`, computed in one array for all `candidates`."""
+        """Whitened residuals (n_rows, n_strengths) of each candidate at its `strengths`, less what parameters follow.
+
+        They are computed in one array. A candidate changes the rows of its record, or of all; those of damping do not
+        change records that show none. The effort is counted.
+        """
         ends = np.cumsum([len(values) for values in strengths])
         columns = [slice(end - len(values), end) for end, values in zip(ends.tolist(), strengths, strict=True)]
         rows = np.empty((len(self.residual), int(ends[-1])))
@@ -307,19 +314,21 @@ def point_at(
     most_lines: int = MOST_LINES,
     free_fixed_values: Callable[[Sequence[FrfProblem]], Sequence[RecordProblem]] = lambda problems: (),
 ) -> Point:
-    """FRF problems linearized at free variables (n_params,) of all of them, on at most `most_lines` lines each.
+    """FRF problems linearized at joint free variables `theta`, on at most `most_lines` lines each, with receptances.
 
     Parameters
     ----------
     problems : sequence of FrfProblem
         One for each record.
     theta : (n_params,) float array
+        Free variables of all problems together.
     undamped : collection of int
-        Positions of the records that say nothing of damping.
+        Indices, from 0, of the records that say nothing of damping.
     most_lines : int
+        Fewer are taken of large models.
     free_fixed_values : callable
-        Takes the problems on the chosen lines and returns them with the fixed values of their models among the unknowns.
-        By default it returns none, and the fixed values are exact.
+        Takes the problems on the chosen lines and returns them with the fixed values of their models among the
+        unknowns. By default it returns none, and the fixed values are exact.
     """
     own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
     records = tuple(receptances_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))

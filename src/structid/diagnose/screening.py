@@ -75,10 +75,10 @@ _Promises = dict[Hashable, tuple[float, Screened]]
 def screening_points(base: FittedModel) -> list[Point]:
     """FRF problems at which candidates are screened, linearized at fitted values: on smoothed data, near the start, at the fit.
 
-    The quick fits to data smoothed at `SCREENED_LEVELS` come first, each at its own answer, then the quick fit to the measured
-    lines, and last `base`. Where a quick fit ends at its limit, the later ones are left out, and the measured lines are taken
-    at the last answer. For a large model nothing is fitted: there are two problems, at the start of the parameters and at
-    `base`.
+    The quick fits to data smoothed at three levels come first, each at its own answer, then the quick fit to the
+    measured lines, and last `base`. Where a quick fit ends at its limit, the later ones are left out, and the measured
+    lines are taken at the last answer. For a large model nothing is fitted: there are two problems, at the start of the
+    parameters and at `base`.
     """
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs
@@ -124,7 +124,11 @@ class Shortlist(NamedTuple):
 def shortlist_candidates(
     base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
 ) -> Shortlist:
-    """The candidates that are worth a fit, screened at several points with parameters that follow linearly.
+    """Candidates that are worth a fit, screened at several points with parameters that follow linearly.
+
+    A candidate counts at a point if it lowers the misfit there by more than 2 %, or if the initial model shows it
+    already. The best of each point and kind come first, by the largest part of the misfit that they remove at any
+    point; at most 38 are taken.
 
     Parameters
     ----------
@@ -201,8 +205,9 @@ def shortlist_candidates(
 def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
     """Candidates that several fixed rotations become flexible together: all of a direction, all, and all of a node.
 
-    `candidates` are all changes, `left` is the misfit without them. Feet modelled as clamped that rotate are the commonest
-    fault, and one foot of two explains half of it. At most eight nodes are taken.
+    `candidates` are all changes, of which supports that no record drives count; `left` is the misfit without them,
+    which each result states. Feet modelled as clamped that rotate are the commonest fault, and one foot of two explains
+    half of it. At most eight nodes are taken; groups have two rotations or more.
     """
     of_node: dict[int, list[Support]] = {}
     of_direction: dict[str, list[Support]] = {}
@@ -227,10 +232,11 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
 
 
 def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
-    """Candidates that a free translation of a supported node is almost rigidly fixed: bearings that are stuck, at most eight.
+    """Candidates that a free translation of a supported node is almost rigidly fixed, as by a stuck bearing.
 
-    They are made for measured modes alone, where no linear step from a biased fit finds them; empty for other records.
-    `held_nodes` are the supported nodes.
+    They are springs to the ground among `candidates`, eight at most, with their largest strength, for measured modes
+    alone, where no linear step from a biased fit finds them; empty for other records. `held_nodes` are the supported
+    nodes.
     """
     if not base.modified.is_of_modes:
         return []
@@ -247,8 +253,9 @@ def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Col
 def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
-    Each leaves, by a linear step at the start of the parameters, less than the part `INITIAL_PART` of the misfit there.
-    `points` are the linearized problems of the screening, of which that at the start is used for large models; empty for modes.
+    Each leaves, by a linear step at the start of the parameters, less than half of the misfit there. `points` are the
+    linearized problems of the screening, of which the first, that at the start, is used for large models; empty for
+    modes.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -277,7 +284,10 @@ def _faulty(base: FittedModel) -> set[Hashable]:
 
 
 def _outstanding(base: FittedModel) -> set[Hashable]:
-    """Keys of candidate channels of histories that cause more than 30 % of the misfit; empty for FRFs and modes."""
+    """Keys of candidates that a channel of a history is faulty, where it causes more than 30 % of the misfit of `base`.
+
+    It causes the misfit of its rows less that with errors larger by the likeliest factor. Empty for FRFs and modes.
+    """
     problems, keys = base.modified.problems, set[Hashable]()
     residual = base.modified.target.residual(base.theta)
     of_records = zip(rows_of(problems, residual), base.modified.views, strict=True)
@@ -306,10 +316,11 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
 def _by_modes(
     base: FittedModel, rows: Sequence[Screened], work: TaskExecutor, name: str, budget: SearchBudget
 ) -> list[Screened]:
-    """Screened candidates sorted by the misfit of measured modes after one linear step; the first six keep their rank.
+    """Screened candidates `rows` sorted by the misfit of measured modes after one linear step; the first six stay.
 
-    A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are computed
-    from them. `name` is that of the stage in progress messages.
+    A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are
+    computed from them. `work` and `budget` run and limit the linear steps; `name` is that of the stage in progress
+    messages.
     """
     left = np.array(
         screen_changes(
@@ -324,9 +335,10 @@ def _by_modes(
 def _screen_candidates(
     looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: TaskContext
 ) -> dict[str, FloatArray]:
-    """Arrays ``strength`` (the best) and ``left`` (misfit with it), (n_candidates,) each, of all candidates at one point.
+    """Best strength and misfit with it of all candidates at one point, as arrays ``strength`` and ``left``.
 
-    `looks` are all linearized problems and the names of the records, `number` is the position of the problem.
+    Both are (n_candidates,). `looks` are all linearized problems and the names of the records, `number` is the index of
+    the problem, from 0. `tools` is not used.
     """
     points, names = looks
     point = points[number]
@@ -335,9 +347,10 @@ def _screen_candidates(
 
 
 def _with_friction(best: _Promises, can_rub: bool) -> None:
-    """Add candidates of dry friction to `best`, in place, where the two best dampers to the ground are.
+    """Add candidates of dry friction to `best`, in place, at the positions of its two best dampers to the ground.
 
-    Smoothed data do not distinguish the two. `can_rub` is False where friction cannot be modelled; nothing is added then.
+    Smoothed data do not distinguish the two; each gets the part of the misfit that its damper removes. `can_rub` is
+    False where friction cannot be modelled; nothing is added then.
     """
     dampers = [
         pair
@@ -369,9 +382,10 @@ def derived_candidates(base: FittedModel, shortlist: Shortlist) -> list[Screened
 
 
 def _of_whole_sets(base: FittedModel, rows: Sequence[Screened]) -> list[Screened]:
-    """Candidates that a fixed property of a whole set is wrong, for sets of which `rows` have an element that differs in it.
+    """Candidates that a fixed property of a whole set is wrong, where `rows` have an element that differs in it.
 
-    A linear step from a fit that is far off promises little of a fixed value, while elements are screened at other points too.
+    A linear step from a fit that is far off promises little of a fixed value, while elements are screened at other
+    points too. Each has the strength 1 and the misfit of the first such element.
     """
     setup = base.modified.setups[0]
     of_set = {value.where[0]: value for value in fixed_values(setup.structure, setup.parameters)}
@@ -384,9 +398,11 @@ def _of_whole_sets(base: FittedModel, rows: Sequence[Screened]) -> list[Screened
 
 
 def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
-    """Candidate delays common to sensors of one record that are late by about the same time (of one acquisition card).
+    """Candidate delays shared by sensors of one record that are late by about the same time, as on one card.
 
-    There is one for the two most telling sensors, one for the first three, and so on; empty for fewer than two.
+    `screened_rows` are the most telling first. Delays within a factor of 1.5 of the first one count. One candidate is
+    for the first two sensors, one for the first three, and so on, each with their median delay; empty for fewer than
+    two.
     """
     late = [row for row in screened_rows if isinstance(row.candidate, SensorDelay)]
     alike = [
@@ -415,9 +431,10 @@ def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened
 
 
 def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened]:
-    """Candidate positions, at up to four of the nearest nodes, of all loads and of the sensors of `left_out`.
+    """Candidate positions, at up to four of the nearest nodes, of all loads and of the sensors in `left_out`.
 
-    `left_out` are screened changes that leave out a sensor. Motions of driven supports have no candidates.
+    `left_out` are screened changes that leave out a sensor. Motions of driven supports have no candidates. Degrees of
+    freedom that the record measures already are no candidates.
     """
     screened = []
     better_out = {(row.candidate.record, row.candidate.where[0]) for row in left_out}
@@ -436,7 +453,10 @@ def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened
 
 
 def _dofs_nearby(structure: Structure, dof: Dof) -> list[Dof]:
-    """Degrees of freedom in the direction of `dof` at up to four of the nearest other nodes that can move in it."""
+    """Degrees of freedom in the direction of `dof` at up to four other nodes that can move in it, the nearest first.
+
+    They are searched for among the eight nearest nodes.
+    """
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
     neighbours = []
@@ -460,11 +480,11 @@ def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
 def promising_first_changes(
     base: FittedModel, items_begun: Sequence[RefitTask], work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
 ) -> list[RefitTask]:
-    """First changes beside which a second one takes off most of the misfit, sorted by what the best second leaves.
+    """First changes with which a second one removes most of the misfit, sorted by what the best second leaves.
 
-    A change is kept if the second leaves less than `PAIR_LEFT` of the misfit without changes. Second changes are screened at
-    quick fits of log-FRFs that stay near the start values: a full fit of one of two faults is bent towards the other. At
-    most `PAIR_LOOKS` first changes are tried, `PAIR_LOOKS_OF_KIND` of a kind.
+    A change is kept if the second leaves less than 30 % of the misfit without changes. Second changes are screened at
+    quick fits of log-FRFs that stay near the start values: a full fit of one of two faults is bent towards the other.
+    At most twelve first changes are tried, two of a kind.
 
     Parameters
     ----------
@@ -495,9 +515,10 @@ def promising_first_changes(
 
 
 def _looked_beside(base: FittedModel, item: RefitTask, tools: TaskContext) -> dict[str, float]:
-    """The misfit, under ``left``, after a change and the best second change, by a linear step; infinite where that fails.
+    """Misfit, under the key ``left``, after a change and the best second change, by a linear step; infinite on failure.
 
-    `item` is the first change, its strength and the free variables of its quick fit.
+    `item` is the first change, its strength and the free variables of its quick fit; `base` is the fit without it.
+    `tools` is not used.
     """
     candidate, strength, theta = item
     try:

@@ -165,10 +165,11 @@ def _is_far(fitted: FittedModel) -> bool:
 def _of_two(
     explanation: Explanation, work: TaskExecutor, budget: SearchBudget, tried: Sequence[FittedModel] = ()
 ) -> Explanation:
-    """The explanation by a pair of changes that leaves only noise, where each alone brings little; else `explanation` itself.
+    """Explanation by a pair of changes that leaves only noise, where each alone brings little; else `explanation`.
 
-    Candidates for the first change are those in `explanation.begun`, except those at the places of `tried`: a fit of one of two
-    faults to all data is bent towards the other. Where the model is not small or the budget is used up, `is_single` is set.
+    Candidates for the first change are those in `explanation.begun`, except those at the positions of `tried`: a fit of
+    one of two faults to all data is bent towards the other. Where the model is not small or the budget is used up,
+    `is_single` is set.
     """
     if not budget.allows(explanation.spent) or not explanation.base.modified.is_small:
         return replace(explanation, is_single=True)

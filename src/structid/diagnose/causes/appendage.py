@@ -39,9 +39,11 @@ class Appendage(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate appendages at up to 24 of the `chosen_nodes` of the first record, one for each direction and frequency.
+        """Candidate appendages at up to 24 nodes, one for each direction of a node and each frequency of resonance, Hz.
 
-        Rotations count only at nodes that do not translate, as in drive trains.
+        `records` are the receptances of each record; the first gives nodes (24 evenly chosen of `chosen_nodes`) and
+        frequencies. Strengths are masses, 0.01 to 3 times the one as stiff as the structure there. Rotations count only
+        at nodes that do not translate, as in drive trains. `record_names` are not used.
         """
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))
@@ -72,9 +74,11 @@ class Appendage(Candidate):
         return self._direction, (self.kind, self.frequency, self.strengths.tobytes())
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that add the appendage: a new node, a mass there, and a spring to it, with three unknowns.
+        """Edits that add the appendage to `model`: a new node, a mass there, and a spring to it, with three unknowns.
 
-        These are the mass (or rotary inertia), which starts at `strength`, and the stiffness and loss factor of the spring.
+        These are the mass (kg; at a rotation the rotary inertia, kg m^2), which starts at `strength`, the stiffness of
+        the spring, which starts where the appendage resonates at `self.frequency`, and its loss factor, which starts at
+        0.03.
         """
         dof, label = parse_dof(self.where[0]), model.new_node()
         mass, spring = (model.unique_name(f"{words} {dof.place}") for words in ("appendage", "appendage spring"))
@@ -103,7 +107,8 @@ class Appendage(Candidate):
 def _frequencies(receptances: Receptances) -> list[float]:
     """Frequencies, Hz, ascending, at which an appendage may resonate alone: peaks of the misfit, and some over the band.
 
-    These are the ten highest peaks, and ten frequencies in equal ratios from the lowest line above 0 Hz to the highest.
+    These are the ten highest peaks of the misfit of the record over its lines, first and last line excluded, and ten
+    frequencies in equal ratios from the lowest line above 0 Hz to the highest.
     """
     problem = receptances.problem
     frequency = problem.frequency

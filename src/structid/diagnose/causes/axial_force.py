@@ -34,7 +34,8 @@ class AxialForce(Candidate):
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
         """A candidate axial force for each beam or bar set that has none; no candidates where there are more than six.
 
-        The sets are those of the first record's structure, which must not be one-dimensional.
+        The sets are those of the first record's structure, which must not be one-dimensional. Strengths are forces, N:
+        plus and minus 0.3 times the Euler load of the set as one strut. `problems` are not used.
         """
         structure = model.setups[0].structure
         slack = [
@@ -56,7 +57,10 @@ class AxialForce(Candidate):
 
 
 def _first_guess(structure: Structure, element: ElementSet) -> float:
-    """A first guess of a set's axial force, N: its Euler load as one strut, or for bars the force of a strain of 0.001."""
+    """First guess of a set's axial force, N: its Euler load as one strut, or for bars the force of a strain of 0.001.
+
+    The strut is as long as all elements of the set together; stiffnesses are means over the set.
+    """
     values = vars(element)
     bending = next((values[key] for key in _BENDING if key in values), None)
     if bending is None:

@@ -109,7 +109,11 @@ class LoadBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate places of each measured force on bars and beams from its node to neighbours; none for support motions."""
+        """Candidates that a measured force acts between its node and a neighbour on a bar or beam, one each.
+
+        `records` are the receptances of each record. Strengths are fractions of the way to the neighbour, 0.1 to 0.9.
+        Motions of supports have none. `record_names` are not used.
+        """
         for channel, other, bends in _channels_and_neighbours(records, 2):
             if records[channel.record].problem.facts.measures_force:
                 where = (channel.dof.place, other.place)
@@ -126,10 +130,11 @@ class LoadBetween(Candidate):
 
 
 def _channels_and_neighbours(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
-    """Pairs of a channel and a neighbouring node, with the kind of element between: sensors for axis 1, loads for axis 2.
+    """Channels with a neighbouring node on a bar or beam: sensors of all records for `axis` 1, loads for `axis` 2.
 
-    Each is (channel, degree of freedom in its direction at the neighbour, True for a beam or False for a bar). Rotations have
-    none.
+    Each item is (channel, degree of freedom of the neighbour in the channel's direction, True if a beam joins the nodes
+    or False for bars alone). Rotations have none, nor have neighbours that do not move in this direction or lie at the
+    same point.
     """
     for receptances, channel in channels(records, axis):
         bends: dict[int, bool] = {}
@@ -158,8 +163,9 @@ def _effect(
 ) -> ComplexArray:
     """Changes of the FRF, (n_fractions, n_lines, n_outputs, n_inputs), by moving a channel towards a neighbouring node.
 
-    The channel is a sensor (axis 1) or a load (axis 2). `dof_names` are its own degree of freedom and that of the neighbour;
-    `fractions` (n_fractions,) are of the way from one to the other, along which a beam (`bends`) or a bar lies.
+    The channel is a sensor (`axis` 1) or a load (`axis` 2). `dof_names` are its degree of freedom and that of the
+    neighbour; `fractions` (n_fractions,) are of the way from one to the other, along which a beam (`bends`) or a bar
+    lies.
     """
     index = index_of(receptances, axis, dof_names[0])
     record = receptances.problem.record
@@ -176,9 +182,9 @@ def _edits(
 ) -> Edits:
     """Edits that move a channel of a record to a new node between the nodes of two degrees of freedom.
 
-    `dof_names` are the channel's present degree of freedom and the one at the neighbour; `fraction` is that of the way between.
-    The new node moves with both nodes as a beam (`bends`) or bar does. `role_prefix` is "load " for a load, "" for a sensor,
-    and `record` the position of the record.
+    `dof_names` are the channel's present degree of freedom and the one at the neighbour; `fraction` is that of the way
+    between. The new node moves with both nodes as a beam (`bends`) or bar does. `role_prefix` is "load " for a load, ""
+    for a sensor, and `record` the index of the record, from 0.
     """
     structure = model.setups[record].structure
     (first, second), ends = _ends(structure, dof_names)

@@ -32,7 +32,10 @@ class FaultyChannel(Candidate):
 
     @classmethod
     def from_data(cls, problems: Sequence[RecordProblem], record_names: Sequence[str]) -> Iterator[FaultyChannel]:
-        """A candidate for each sensor of every record of FRFs with two sensors or more; `record_names` are not used."""
+        """A candidate that a sensor is faulty for each sensor of every FRF record with two sensors or more.
+
+        `problems` has one problem for each record; `record_names` are not used.
+        """
         for number, problem in enumerate(problems):
             outputs = tuple(dof.place for dof in problem.record.outputs) if isinstance(problem, FrfProblem) else ()
             for name in outputs if len(outputs) > 1 else ():

@@ -56,7 +56,8 @@ class Clock(Candidate):
     def sentence(self, value: float | None) -> str:
         """A clause that states the factor `value` on the time or frequency axis, and the unit that it may come from.
 
-        None for `value` leaves numbers out.
+        A unit (rad/s, rpm) is named if the factor is that of a mistaken one to 0.5 %. None for `value` leaves numbers
+        out.
         """
         size, stiffness = (
             ("one factor", "one factor") if value is None else (f"a factor of {value:.4g}", f"{value**-2:.4g} times")

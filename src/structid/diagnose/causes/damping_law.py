@@ -39,7 +39,12 @@ class DampingLaw(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for the other damping law of each element set, and one for all sets that may be viscous, if several."""
+        """Candidates for the damping law that an element set does not have, one for each set, and one for all together.
+
+        A set with a loss factor may be viscous, one without may have a loss factor. If several may be viscous, a last
+        candidate has them all, with the median of their strengths. `problems` (one for each record) give the frequency
+        in mid-band; sets are of the first record.
+        """
         middle = float(np.median(np.concatenate([problem.frequency for problem in problems])))
         laws = [one for element in model.setups[0].structure.elements for one in cls._of_set(element, middle)]
         yield from laws
@@ -50,10 +55,11 @@ class DampingLaw(Candidate):
 
     @classmethod
     def _of_set(cls, element: ElementSet, middle: float) -> Iterator[DampingLaw]:
-        """The candidate for the damping law that a set does not have, viscous or loss factor; none for sets without either.
+        """Candidate for the damping law that a set does not have: viscous for a set with a loss factor, and vice versa.
 
-        `middle` is a frequency in mid-band, Hz, at which the viscous damping of the first guess is 30 % of that of the loss
-        factor.
+        `middle` is a frequency in mid-band, Hz, at which the viscous damping of the first guess is 30 % of that of the
+        loss factor; its strength is in s. The strength for a loss factor is 0.005. None for sets that can have no loss
+        factor, or no viscous damping instead.
         """
         known = declarations(element)
         if "loss_factor" not in known:
@@ -67,10 +73,11 @@ class DampingLaw(Candidate):
             yield cls(where=(element.name, "loss factor"), strengths=np.array([_FIRST_LOSS]))
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that give the sets a loss factor, or viscous damping beside their loss factor, as unknowns.
+        """Edits that give the sets a loss factor, or viscous damping beside their loss factor, as unknowns.
 
-        `strength` is the loss factor, or the viscous damping over the stiffness in s. Springs get dashpots beside them, other
-        sets half of it by stiffness and half by mass.
+        `strength` is the loss factor, or the viscous damping over the stiffness in s. Springs get dashpots beside them;
+        all other sets get half of it by stiffness and half by mass, each with one factor that the sets share as
+        unknown.
         """
         *names, law = self.where
         edits: list[Edit] = []
@@ -120,7 +127,8 @@ def _unknown(prop: str, names: list[str], **more: bool) -> AddUnknown:
 def _viscous(element: ElementSet, prop: str, weight: float) -> list[float]:
     """Nominal viscous damping of each element: `weight` times its stiffness, or its mass for ``mass_damping``.
 
-    `prop` is the name of the damping property; a single 0 where the set does not have it.
+    `prop` is the name of the damping property, ``stiffness_damping`` or ``mass_damping``; a single 0 where the set does
+    not have it. The mass is the set's ``mass`` or, without that, its ``density``.
     """
     known = declarations(element)
     key = next((key for key in (("mass", "density") if prop == "mass_damping" else _STIFFNESSES) if key in known), "")

@@ -26,9 +26,10 @@ _BOUNDS = (-np.pi, np.pi)
 def _effect(
     receptances: Receptances, axis: int, dof_names: Sequence[str], sign: int, angles: FloatArray
 ) -> ComplexArray:
-    """Changes of the FRF, (n_angles, n_lines, n_outputs, n_inputs), by turning a sensor (axis 1) or a load (axis 2).
+    """Changes of the FRF, (n_angles, n_lines, n_outputs, n_inputs), by turning a sensor or a load.
 
-    `dof_names` are its own degree of freedom and the one that it turns to, the latter in the sense `sign`; `angles` in rad.
+    `dof_names` are the degree of freedom of the sensor (`axis` 1) or load (`axis` 2) and the one that it turns to, the
+    latter in the sense `sign` (1 or -1); `angles` (n_angles,) are in rad.
     """
     index = index_of(receptances, axis, dof_names[0])
     column = sign * receptances.columns[parse_dof(dof_names[1])]
@@ -58,7 +59,10 @@ class SensorDirection(Candidate):
         return _effect(receptances, 1, self.where, 1, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits for a sensor that is turned by `strength` rad: another channel name at a right angle, else a direction.
+        """Edits for a sensor that is turned by `strength` rad towards another direction of its node.
+
+        Within 0.03 rad of a right angle the channel is renamed, with a minus sign for a negative angle; else the sensor
+        is aimed along the weighted directions at a new node of `model`.
 
         Raises
         ------
@@ -95,7 +99,11 @@ class LoadDirection(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate turns of each measured force towards every other direction of its node; none for motions of supports."""
+        """Candidate turns of each measured force towards every other direction of its node; none for motions of supports.
+
+        `records` are the receptances of each record. Strengths are angles, 3 to 90 degrees either way, in rad.
+        `record_names` are not used.
+        """
         for receptances, channel in channels(records, 2):
             if not receptances.problem.facts.measures_force:
                 continue
@@ -107,9 +115,9 @@ class LoadDirection(Candidate):
         return _effect(receptances, 2, self.where, self.sign, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that let the load act on a new node, whose motion is a weighted sum of both directions.
+        """Edits that let the load act on a new node of `model`, whose motion is a weighted sum of both directions.
 
-        The weights are cosine and sine of `strength`, the angle in rad.
+        The weights are cosine (present direction) and sine (other direction) of `strength`, the angle in rad.
         """
         dof, label = parse_dof(self.where[0]), model.new_node()
         weights = (np.cos(strength), np.sin(strength))
@@ -131,14 +139,15 @@ def follower(
     node: AddNode,
     role_prefix: str,
 ) -> Edits:
-    """The edits that let a channel of a record act at a new node, which follows weighted degrees of freedom through a tie.
+    """Edits that let a channel of a record act at a new node, which follows weighted degrees of freedom through a tie.
 
     Parameters
     ----------
     model : TestedModel
     record : int
-        Position of the record.
+        Index of the record, from 0.
     tie_name : str
+        Name of the new tie.
     dof : Dof
         The channel's present degree of freedom; the new node moves in its direction.
     new_label : int

@@ -38,7 +38,10 @@ class ExtraMode(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """A candidate for each mode of every record with more than two measured modes; `residual` is not used."""
+        """A candidate that a mode is spurious for each mode of every record of more than two measured modes.
+
+        `problems` has one problem for each record; only modal ones count. `residual` is not used.
+        """
         for number, problem in enumerate(problems):
             if isinstance(problem, ModalProblem) and len(problem.data.measured) > _FEWEST_MODES:
                 used = [mode + 1 for mode in problem.data.measured.tolist()]

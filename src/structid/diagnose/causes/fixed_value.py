@@ -29,9 +29,10 @@ class FixedValue(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for each mass, stiffness or damping that no parameter changes, and one for all sets of a property.
+        """A candidate for each mass, stiffness or damping that no parameter changes, and one for each property.
 
-        The latter is there only where several sets have the property fixed.
+        The latter is for all sets together, and only where several have the property fixed. The structure is that of
+        the first record; `problems` are not used.
         """
         setup = model.setups[0]
         single = [
@@ -54,9 +55,9 @@ class FixedValue(Candidate):
         return _OF_ALL if len(self.where) > 1 else 0.0
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edit that makes the fixed property an unknown: its value, or one factor where several sets share it.
+        """Edit that makes the fixed property an unknown: its value, or one factor where several sets share it.
 
-        `strength` is not used.
+        The sets are those in `self.where`. `strength` is not used.
         """
         names = [text.rstrip("]").partition("[")[2] for text in self.where]
         if len(names) == 1:

@@ -52,7 +52,10 @@ class SensorGain(Gain):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each sensor in records of several: errors of calibration and mistaken units."""
+        """Candidate gains, as logarithms, of each sensor: errors of calibration and mistaken units.
+
+        Records of a single sensor have none. `records` are the receptances of each record; `record_names` are not used.
+        """
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
                 logs = _log_gains(mistaken_motions(channel.dof.is_rotation))
@@ -89,7 +92,10 @@ class LoadGain(Gain):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units."""
+        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units.
+
+        `records` are the receptances of each record; `record_names` are not used.
+        """
         for receptances, channel in channels(records, 2):
             is_motion = receptances.problem.record.is_per_motion
             table = mistaken_motions(channel.dof.is_rotation) if is_motion else MISTAKEN_FORCES
@@ -150,7 +156,11 @@ class RecordGain(Gain):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """A candidate, with logarithms of gains, for each record of several loads that is not per motion of a support."""
+        """Candidate gains, as logarithms, that all sensors of a record share, one for each record of several loads.
+
+        Records per motion of a support have none. `records` are the receptances of each record; its name of
+        `record_names` is stated where there are several.
+        """
         for number, receptances in enumerate(records):
             record = receptances.problem.record
             if len(record.inputs) < 2 or record.is_per_motion:
@@ -172,7 +182,7 @@ class RecordGain(Gain):
         return change
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edit that makes the gain an unknown of the record.
+        """Edit that makes the gain an unknown of the record, started at exp(`strength`) with `strength` within +-20.
 
         Raises
         ------
@@ -200,6 +210,10 @@ class RecordGain(Gain):
         return f"{sensors} in another unit than stated: {of_motion}" + (of_force and f", or all loads {of_force}")
 
     def sentence(self, value: float | None) -> str:
+        """A clause that names the mistaken unit of all sensors or loads that the gain `value` fits, or states the gain.
+
+        The record is named where there are several. None for `value` leaves numbers and units out.
+        """
         words = self.mistaken_unit(value)
         if not words:
             inverse = "" if value is None or value <= 0 else f" by {1 / value:.4g}"

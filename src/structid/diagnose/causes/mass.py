@@ -37,7 +37,11 @@ class Mass(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate masses at chosen nodes, in all records together and, if there are several records, in each record alone."""
+        """Candidate masses at chosen nodes, in all records together and, if there are several, in each record alone.
+
+        `records` are the receptances of each record, `record_names` their names. Strengths are masses, kg, of either
+        sign. Records whose data show no place have none alone.
+        """
         yield from cls._at_nodes(records[0])
         for number, receptances in enumerate(records if len(record_names) > 1 else ()):
             if has_places(receptances.problem):
@@ -47,8 +51,8 @@ class Mass(Candidate):
     def _at_nodes(cls, receptances: Receptances, record: int | None = None, name: str = "") -> Iterator[Candidate]:
         """Candidate masses at chosen nodes that translate, one for each node.
 
-        `record` and `name` are the position and name of the only record that has them; by default all have them. `receptances`
-        are those of that record, or of the first of all.
+        `record` and `name` are the index and name of the only record that has them; by default all have them.
+        `receptances` are those of that record, or of the first of all. Strengths are masses, kg, of either sign.
         """
         nodes: dict[int, list[Directions]] = {}
         for dof, direction in chosen_dofs(receptances):
@@ -60,7 +64,10 @@ class Mass(Candidate):
             yield cls(where=where, strengths=strengths_about(scale, (1, -1)), record=record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses `strengths` (kg) at the node."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses at the node `self.where[0]`.
+
+        `strengths` (n_strengths,) are in kg.
+        """
         node = int(self.where[0])
         moves = [Dof(node, direction) for direction in DIRECTIONS[:3]]
         directions = all_directions([direction_of((dof, 1.0)) for dof in moves if dof in receptances.columns])

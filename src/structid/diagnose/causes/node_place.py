@@ -43,7 +43,11 @@ class NodePlace(Candidate):
 
 
 def _nodes_that_may_slide(structure: Structure) -> list[int]:
-    """Labels of the nodes whose position may become a property; empty for structures with components."""
+    """Labels of the nodes whose position may become a property of the structure, in its order.
+
+    Left out are nodes whose position is one already, and those where elements or ties forbid it. Empty for structures
+    with components.
+    """
     nodes = []
     for node in structure.nodes if not structure.components else ():
         if node not in structure.sliding:

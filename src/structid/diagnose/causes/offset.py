@@ -51,7 +51,9 @@ class MassOffset(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate offsets of each point mass along each axis, where a rotation of its node would then move the mass.
 
-        Levers are at most the largest extent of the structure; at most 60 masses are tried.
+        Strengths are levers, m, of 0.5 to 20 % of the largest extent of the structure, either way; the bounds are this
+        extent. Of more, 60 masses are tried, evenly chosen. `records` are the receptances of each record, of which the
+        first counts; `record_names` are not used.
         """
         first = records[0]
         nodes = {one.name: one.nodes.ravel() for one in first.structure.elements if isinstance(one, PointMass)}
@@ -71,9 +73,10 @@ class MassOffset(Candidate):
                     )  # fmt: skip
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, exact, by levers q (m): with them the mass moves by u + q lever theta instead of u.
+        """Changes of the FRF, exact, by levers q (m): with one the mass moves by u + q L theta instead of u.
 
-        `strengths` (n_strengths,) are the levers; the shape is (n_strengths, n_lines, n_outputs, n_inputs).
+        L is `self.lever`, u and theta are the motions of its node. `strengths` (n_strengths,) are the levers; the shape
+        is (n_strengths, n_lines, n_outputs, n_inputs).
         """
         codes = np.array([dof_code(self.node, direction) for direction in DIRECTIONS])
         first, second = np.zeros((6, 6)), np.zeros((6, 6))
@@ -83,7 +86,7 @@ class MassOffset(Candidate):
         return effect_of_coupling(receptances, Directions(codes, np.eye(6)), k)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that move the mass to a new node `strength` m away, with a rigid link to the node where it was.
+        """Edits that move the mass to a new node, `strength` m away, with a rigid link to its present node.
 
         Raises
         ------

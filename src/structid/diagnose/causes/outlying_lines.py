@@ -29,7 +29,8 @@ class OutlyingLines(Candidate):
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
         """A candidate for each record of FRFs some of whose lines stand out, all such lines of the record together.
 
-        `residual` (n_rows,) are the whitened data rows of all problems.
+        `problems` has one problem for each record; `residual` (n_rows,) are the whitened data rows of all of them, one
+        after another.
         """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             spans = outlying_spans(problem, own) if isinstance(problem, FrfProblem) else ()

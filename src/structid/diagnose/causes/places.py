@@ -36,7 +36,8 @@ def spread(items: Sequence[T], most: int) -> list[T]:
 def chosen_nodes(receptances: Receptances) -> set[int]:
     """Labels of the nodes where something may be added: up to 60 evenly chosen ones that move, and those of channels.
 
-    What is mounted at sensors and loads is forgotten most easily. Nodes inside elements do not count.
+    Nodes of sensors and loads come in addition, since what is mounted there is forgotten most easily. Nodes inside
+    elements do not count. `receptances` are those of one record.
     """
     known = receptances.structure.nodes
     movable = dict.fromkeys(dof.node for dof in receptances.columns if dof.node in known)
@@ -56,7 +57,7 @@ def has_places(problem: FrfProblem) -> bool:
 
 
 def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:
-    """Pairs (degree of freedom, its unit direction in the model) of the places where something may be added."""
+    """Degrees of freedom of the nodes in `chosen_nodes`, in the order of `receptances`, and their unit directions."""
     nodes = chosen_nodes(receptances)
     for dof in receptances.columns:
         if dof.node in nodes:
@@ -79,7 +80,10 @@ def constant(receptances: Receptances, loss: float = 0.0) -> ComplexArray:
 
 
 def spring_ends(receptances: Receptances) -> Iterator[tuple[tuple[str, str], Directions]]:
-    """Pairs (names of the two ends, direction in which they move apart) of each spring of which both ends can move."""
+    """Springs between two degrees of freedom that can both move, as (names of the ends, direction of moving apart).
+
+    Springs whose ends move apart only with a driven support are left out.
+    """
     for element in receptances.structure.elements:
         if isinstance(element, Spring) and element.second is not None:
             for first, second in zip(element.first, element.second, strict=True):
@@ -129,9 +133,10 @@ class Factored(NamedTuple):
 def factored(
     receptances: Receptances, element_matrix: ElementMatrix, most_directions: float = np.inf
 ) -> Factored | None:
-    """An element matrix as D D' with the directions D in which it acts; None if no part of D can move or D is too wide.
+    """Element matrix as D D' with the directions D in which it acts; None if zero, too wide, or unable to move.
 
-    D is too wide with more than `most_directions` columns, one for each positive eigenvalue of the matrix.
+    D has a column for each eigenvalue above 1e-9 of the largest, its eigenvector times the root; it is too wide with
+    more than `most_directions` columns, and must move a free degree of freedom.
     """
     size, vectors = np.linalg.eigh(element_matrix.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)

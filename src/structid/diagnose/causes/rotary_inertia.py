@@ -29,7 +29,11 @@ class AddedRotaryInertia(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate inertias at free rotations of chosen nodes; a negative one takes away less than the model has there."""
+        """Candidate inertias at free rotations of chosen nodes; a negative one takes away less than the model has there.
+
+        `records` are the receptances of each record; the first one counts. Strengths are rotary inertias, kg m^2, 0.005
+        to 60 times, of either sign, the one as stiff as the structure there. `record_names` are not used.
+        """
         first, nodes = records[0], chosen_nodes(records[0])
         mass, free = first.structure.matrix("mass", first.values), set(first.structure.numbering.free)
         for dof, follow in first.columns.items():
@@ -45,7 +49,10 @@ class AddedRotaryInertia(Candidate):
         return effect_of_addition(receptances, direction, inertia(receptances), strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that add a rotary inertia at the node and make it an unknown; it starts at `strength`, kg m^2."""
+        """Edits that add a rotary inertia at the node and make it an unknown that starts at `strength`, kg m^2.
+
+        The property holds the magnitude; a negative `strength` starts the unknown below 0.
+        """
         dof, name = parse_dof(self.where[0]), model.unique_name(f"inertia {self.where[0]}")
         size = rounded(abs(strength))
         entry = {"name": name, "nodes": [dof.node], "direction": dof.direction, "rotary_inertia": size}

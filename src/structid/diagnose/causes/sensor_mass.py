@@ -47,7 +47,8 @@ class SensorMass(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """One candidate, a mass common to all sensors, where these are at several nodes; else none.
 
-        It is left out too where the sensors of a record can move in more than 60 ways.
+        It is left out too where the sensor nodes of a record have more than 60 translations. `records` are the
+        receptances of each record. Strengths are masses, kg, of either sign. `record_names` are not used.
         """
         nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
         most = max(len(_translations(one, _sensed(one))) for one in records)
@@ -59,7 +60,10 @@ class SensorMass(Candidate):
             yield cls(where=tuple(map(str, nodes)), strengths=strengths_about(scale, (1, -1)), nodes=of_record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses `strengths` (kg) at each sensor node."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by one mass at each sensor node.
+
+        `strengths` (n_strengths,) are masses, kg. Zero where the record has no sensor that translates.
+        """
         directions = [direction_of((dof, 1.0)) for dof in _translations(receptances, _sensed(receptances))]
         if not directions:
             return np.zeros((len(strengths), *receptances.frf.shape), complex)

@@ -99,7 +99,9 @@ class DifferingElement(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness, the mass, and all stiffnesses of each element in a set of several, and for mounts.
 
-        Of many, at most 300 for a single property and 150 for all stiffnesses are tried, evenly chosen.
+        A mount is all springs between the same nodes. Of many, at most 300 for a single property and 150 for all
+        stiffnesses are tried, evenly chosen. `records` are the receptances of each record; the first one counts.
+        Strengths are relative changes, -0.9 to 8. `record_names` are not used.
         """
         first = records[0]
         moved = list(moved_elements(first))
@@ -114,7 +116,7 @@ class DifferingElement(Differing):
         mounts = _mounts(first.structure)
 
         def unit_of(one: ElementMatrix) -> Hashable:
-            """The nodes of the mount that a spring belongs to; otherwise the element itself."""
+            """Nodes of the mount that a spring belongs to; otherwise the element's (set name, number)."""
             return mounts.get((one.element, one.number), (one.element, one.number))
 
         stiff = stiff_parts(first, moved)
@@ -158,9 +160,11 @@ class DifferingElement(Differing):
 
 
 def _separation(model: TestedModel, differing: DifferingProperty, start_factor: float) -> SeparateElement:
-    """The edit that gives the property of an element or set in `differing` a separate parameter.
+    """Edit that gives the property of an element or set a separate parameter; `differing` names set and property.
 
-    The parameter is a factor that starts at `start_factor` times the nominal value, or follows another parameter.
+    The parameter is a factor on the nominal values that starts at `start_factor`, or follows the one that `differing`
+    names. The edit holds the nominal values of every set of `model` with the property, and the largest number of
+    elements of the set.
     """
     where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}
@@ -179,10 +183,10 @@ def _label(one: ElementMatrix) -> str:
 
 
 def _of_elements(moved: Sequence[MatrixOnNodes]) -> Iterator[ElementMatrix]:
-    """Element matrices of stiffness and mass, summed over the properties of an element that the same parameters change.
+    """Element matrices, each summed over those of an element that are of one kind and that the same parameters change.
 
-    `moved` are pairs of an element matrix and the positions of the parameters that change it. Properties that no parameter
-    changes are not summed.
+    `moved` are pairs of an element matrix and the indices of the parameters that change it. Matrices that no parameter
+    changes are summed with others of the same property alone. The order is that of first appearance.
     """
     parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
     for element_matrix, moved_by in moved:
@@ -218,14 +222,15 @@ def groups_of_stiffnesses(
     unit_of: Callable[[ElementMatrix], Hashable],
     label: Callable[[ElementMatrix], str],
 ) -> Iterator[list[MatrixOnNodes]]:
-    """Groups of stiffness matrices, one group for each element, set or mount that can change in two ways or more.
+    """Groups of stiffness matrices, one group for each element, set or mount with two or more independent stiffnesses.
 
-    Groups with a separate parameter already are left out. A single fixed stiffness does not count (a beam's axial one hardly
-    matters in bending), except at a mount, whose springs have a label each.
+    Matrices that the same parameters change are one stiffness, and so are fixed ones of one property. Groups of which a
+    parameter is separate already are left out. In a group of one label, one fixed stiffness does not count (a beam's
+    axial one hardly matters in bending); springs of a mount have a label each.
 
     Parameters
     ----------
-    stiff : sequence of (ElementMatrix, positions of the parameters that change it)
+    stiff : sequence of (ElementMatrix, indices of the parameters that change it)
     unit_of : callable
         Returns the key of the element, set or mount that a matrix belongs to.
     label : callable
@@ -251,12 +256,12 @@ def differing_properties(
 ) -> tuple[DifferingProperty, ...]:
     """Properties of one group of stiffness matrices, each with the parameter whose factor it shares, if any.
 
-    Properties that the same parameters change share one factor, and all fixed properties share another. If all are fixed and of
-    one element or set, they are together its ``stiffness``.
+    Properties that the same parameters change share one factor, and all fixed properties share another. If all are
+    fixed and of one element or set, they are together its ``stiffness``.
 
     Parameters
     ----------
-    group : sequence of (ElementMatrix, positions of the parameters that change it)
+    group : sequence of (ElementMatrix, indices of the parameters that change it)
     label : callable
         Returns the name of a matrix's element or set.
     """

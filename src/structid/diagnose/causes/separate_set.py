@@ -37,7 +37,9 @@ class DifferingSet(Differing):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """Candidates for the stiffness or mass of each set that shares a parameter with others, and for all its stiffnesses.
 
-        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen.
+        Springs are left out of the latter; of many sets 150 of each are tried, evenly chosen. `records` are the
+        receptances of each record; the first one counts. Strengths are relative changes, -0.9 to 8. `record_names` are
+        not used.
         """
         first = records[0]
         moved = list(moved_elements(first))
@@ -67,10 +69,11 @@ class DifferingSet(Differing):
         properties: tuple[DifferingProperty, ...],
         is_whole: bool,
     ) -> Iterator[Candidate]:
-        """The candidate that an element set differs in its `element_matrix`; none where the matrix is too large.
+        """Candidate that an element set differs by a factor on its `element_matrix`; none if the matrix is too large.
 
-        It multiplies the `properties` of the set; `is_whole` says that these are all of its stiffnesses. Too large are more
-        than 300 degrees of freedom, or more than 60 ways to move.
+        The factor is on `properties` of the set; `is_whole` says that these are all of its stiffnesses. Too large are
+        more than 300 degrees of freedom, or more than 60 independent directions. `receptances` are those of the first
+        record.
         """
         matrix = factored(receptances, element_matrix, _MOST_WAYS) if len(element_matrix.codes) <= _MOST_CODES else None
         if matrix is not None:

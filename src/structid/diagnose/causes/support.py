@@ -48,7 +48,11 @@ class Support(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """A candidate flexible support for each direction that is fixed or driven in some record and can give way."""
+        """A candidate flexible support for each direction that is fixed or driven in some record and could be released.
+
+        `records` are the receptances of each record. Strengths are compliances, m/N or rad/(N m), 0.005 to 60 times
+        that of the structure there, by the first record that has the support. `record_names` are not used.
+        """
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {
             dof.unsigned: float(1 / np.median(np.abs(own)))
@@ -60,7 +64,7 @@ class Support(Candidate):
             yield cls(where=(dof.place,), strengths=strengths_about(scale), driven=driven)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support.
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support `self.where`.
 
         Of several directions the first counts alone. Zero for a record that neither holds nor drives it. `strengths`
         (n_strengths,) are compliances, m/N or rad/(N m).
@@ -73,7 +77,7 @@ class Support(Candidate):
         return effect_of_release(receptances, coupling[:, :, index[0]], own[:, index[0]], strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that replace the support by a spring to the ground, or to a new node that the base moves.
+        """Edits that replace the support in `model` by a spring to the ground, or to a new node that the base moves.
 
         Its stiffness is unknown and starts at the inverse of the compliance `strength`.
 

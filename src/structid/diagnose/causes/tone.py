@@ -28,7 +28,8 @@ class Tone(Candidate):
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
         """A candidate for each record of histories fitted as spectra in which steady tones show, all its tones together.
 
-        `residual` (n_rows,) are the whitened data rows of all problems.
+        `problems` has one problem for each record; `residual` (n_rows,) are the whitened data rows of all of them, one
+        after another.
         """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             heard = tones(problem, own) if isinstance(problem, SpectraProblem) else ()

@@ -33,11 +33,11 @@ class TurnedSection(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """Candidates for all sets of beams with two different bending stiffnesses together, then for each set.
+        """Candidates that sections are turned by 90 degrees: all sets of beams that this may change together, and each.
 
-        Left out are sets whose beams have no common direction that turns every one, and those whose parameters may take
-        either stiffness anyhow. Of many sets `MOST_ELEMENTS` are tried alone,
-        evenly chosen.
+        Sets are of the first record's structure, of beams with two different bending stiffnesses. Left out are sets
+        whose beams have no common direction that turns every one, and those whose parameters may take either stiffness
+        anyhow. Of many sets 150 are tried alone, evenly chosen. `problems` are not used.
         """
         structure, parameters = model.setups[0].structure, model.setups[0].parameters
         names = [
@@ -51,6 +51,15 @@ class TurnedSection(Candidate):
             yield cls(where=(name,))
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """Edits that give each set in `self.where` the orientation that turns its sections by 90 degrees.
+
+        `strength` is not used.
+
+        Raises
+        ------
+        InputError
+            If a set has no beams in space that one orientation turns.
+        """
         structure = model.setups[0].structure
         turned = {one.name: turned_orientation(one, structure.nodes) for one in space_beams(structure)}
         edits = []
@@ -78,7 +87,8 @@ def space_beams(structure: Structure) -> list[SpaceBeam]:
 def _makes_a_difference(element: SpaceBeam, structure: Structure, parameters: Parameters) -> bool:
     """True unless a set of beams has the same stiffnesses, or may take the same, in both planes of bending.
 
-    It may where parameters without priors change both stiffnesses in the same way, each by its own.
+    It may take the same where parameters without priors or couplings change both stiffnesses in the same way, each by
+    different parameters. True too if parameters change the stiffness of one plane alone.
     """
     y, z = (
         _columns(element.name, name, structure, parameters) for name in ("bending_stiffness_y", "bending_stiffness_z")
@@ -101,9 +111,10 @@ def _columns(element: str, name: str, structure: Structure, parameters: Paramete
 
 
 def turned_orientation(element: SpaceBeam, nodes: Mapping[int, FloatArray]) -> list[float] | None:
-    """The `orientation` [x, y, z] that turns the section of each beam of a set by 90 degrees, or None.
+    """The `orientation` [x, y, z] that turns the section of each beam of a set by 90 degrees; None if there is none.
 
-    It is across every local y axis and along no beam. `nodes` are positions, m.
+    It is across every local y axis and along no beam; its largest component is 1. `nodes` are positions, m, by node
+    label.
     """
     axes = element.section_directions(nodes)
     x, y, z = (axes[name][:, :3] for name in ("N", "VY", "VZ"))
@@ -122,7 +133,7 @@ def turned_orientation(element: SpaceBeam, nodes: Mapping[int, FloatArray]) -> l
 
 
 def _between_beams(along: FloatArray) -> FloatArray:
-    """Unit vector (2,) in a plane, in the middle of the widest angle that beams along `along` (n, 2) leave free."""
+    """Unit vector (2,) in a plane, in the middle of the widest angle between lines along the rows of `along` (n, 2)."""
     angles = np.sort(np.arctan2(along[:, 1], along[:, 0]) % np.pi)
     gaps = np.diff(np.append(angles, angles[0] + np.pi))
     widest = int(np.argmax(gaps.round(6)))

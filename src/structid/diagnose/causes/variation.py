@@ -31,7 +31,11 @@ class RecordVariation(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for each mass or stiffness parameter that five records or more share and that does not vary already."""
+        """A candidate for each mass or stiffness parameter that five records or more share and that does not vary already.
+
+        The parameter must be bounded below by 0 or more. `problems` has one problem for each record, with its
+        parameters.
+        """
         known = {name for problem in problems for scatter in problem.parameters.scatters for name in scatter.own}
         known |= {common for one in scatter_problems(problems) for common in one.names}
         counts = Counter[str]()

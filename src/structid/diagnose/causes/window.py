@@ -23,7 +23,11 @@ class ExponentialWindow(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """One candidate where all records are FRFs and the decay of a window is not an unknown already; else none."""
+        """One candidate where all records are FRFs and the decay of a window is not an unknown already; else none.
+
+        The strength is a decay rate, 1/s: 0.002 of the median angular frequency of all lines. `problems` has one
+        problem for each record.
+        """
         responses = [problem for problem in problems if isinstance(problem, FrfProblem)]
         is_unknown = any(p.channels is not None and "window_decay" in p.channels.kinds for p in responses)
         if len(responses) == len(problems) and not is_unknown:

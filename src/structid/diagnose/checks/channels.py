@@ -57,7 +57,8 @@ class ChannelWarnings(NamedTuple):
 def channel_warnings(comparison: AlignedFrf) -> ChannelWarnings:
     """Warnings about channels of a record, from its comparison with the initial model and from reciprocity of the record.
 
-    Of FRFs per motion of a support all but those of reciprocity count as warnings of sensors.
+    They are of loads, of sensors and of pairs. Of FRFs per motion of a support those of loads count as warnings of
+    sensors. Where no FRF can be compared, only those of reciprocity are given.
     """
     record, level, agreement = comparison.record, comparison.level, comparison.accord
     of_pairs = tuple(_reciprocity(record))
@@ -71,10 +72,11 @@ def channel_warnings(comparison: AlignedFrf) -> ChannelWarnings:
 
 
 def _whole_record(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Sentences on a factor or a sign that all channels share; a power of ten in units hides the others.
+    """Sentences on a factor or a sign that all channels share; a power of ten in units excludes further ones.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
-    (n_outputs, n_inputs).
+    (n_outputs, n_inputs). A power of ten is 100 or more, or 1/100 or less. A smaller factor is stated only where the
+    loads agree on it, the phases fit and most resonances have a partner. None otherwise.
     """
     record = comparison.record
     common, goes = float(np.nanmedian(level)), float(np.nanmedian(agreement))
@@ -135,11 +137,11 @@ def _whole_record(comparison: AlignedFrf, level: FloatArray, agreement: FloatArr
 
 
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Sentences on loads or driven supports whose level or sign differs from that of the others; none for a single load.
+    """Sentences on loads or driven supports whose level or sign differs from all others; none for a single load.
 
-    Of two loads the one that is off differs from the other and from the model: two that are off alike are off together.
-    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
-    (n_outputs, n_inputs).
+    Of two loads the one that is off differs from the other and from the model: two that are off by the same are off
+    together. A factor counts above 1.7 or below 1/1.7. `level` is the logarithm of measured over modelled magnitude,
+    `agreement` the mean cosine of their phase angle, both (n_outputs, n_inputs).
     """
     if len(record.inputs) < 2:
         return
@@ -165,7 +167,9 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
 
 
 def _sensors(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Sentences on sensors whose level or sign differs from that of the others, that look exchanged, or that fit far worse.
+    """Sentences on sensors that differ from all others in level or sign, that look exchanged, or that fit far worse.
+
+    Exchanged pairs are named before those that fit far worse; none with fewer than three sensors.
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
     (n_outputs, n_inputs).
@@ -205,11 +209,12 @@ def _sensors(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -
 def _faults(
     level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
-    """Sensors that fit worse than the others, as (position, fault, logarithm of the level relative to the others).
+    """Sensors that fit worse than all others, as (index, fault, logarithm of the level relative to the others).
 
-    Faults are "turned" (opposite sense), "level", and "apart" (a far worse fit). There are none for fewer than three sensors,
-    or where the others do not fit well. `level` is the logarithm of measured over modelled magnitude, `agreement` the mean
-    cosine of their phase angle, both (n_outputs, n_inputs).
+    Faults are "turned" (opposite sense at about the same level), "level" (off by more than a factor of 3), and "apart"
+    (a far worse fit). There are none for fewer than three sensors, or where the other sensors do not fit well. `level`
+    is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
+    (n_outputs, n_inputs).
     """
     levels, goes = median(level - median(level, 0), 1), median(agreement, 1)
     if len(levels) < 3:
@@ -228,9 +233,10 @@ def _faults(
 
 
 def _exchanged(comparison: AlignedFrf, misfits: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of sensors, by position, that agree with the model once exchanged, each sensor in one pair at most.
+    """Pairs of sensors, by index from 0, that agree with the model once exchanged; each sensor is in one pair at most.
 
-    Candidates are the positions `misfits`, those of sensors that fit far worse than the others.
+    Candidates are the indices `misfits` of sensors that fit far worse than all others. Agreement is a mean cosine of
+    the phase angle of at least 0.7 at both.
     """
     pairs: list[tuple[int, int]] = []
     for a, b in combinations(misfits, 2):

@@ -36,9 +36,10 @@ class InitialComparison:
 
 
 def compare_with_initial_model(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> InitialComparison:
-    """The resonances and channels of a record beside those of the initial model, with warnings about the channels.
+    """Resonances and channels of a record beside those of the initial model, with warnings about the channels.
 
-    Of modes only the resonances are compared; histories as averaged FRFs, and where there are none the result is empty.
+    Of modes only the resonances are compared. Histories are compared as averaged FRFs if the set-up gives any; else the
+    result is empty.
 
     Raises
     ------
@@ -66,7 +67,10 @@ def _compare_responses(problem: FrfProblem, predicted: ComplexArray) -> InitialC
 
 
 def _compare_modes(problem: ModalProblem) -> InitialComparison:
-    """Measured modes beside those of the initial model, followed by the model's unmatched modes with NaN as measured."""
+    """Measured modes with those of the initial model that they are paired with, then unmatched modes of the model.
+
+    The latter, those passed over by the pairing, have NaN for the measured frequency and the MAC.
+    """
     from structid.identification.fits.modal_fit import paired_modes  # for records of modes alone
 
     theta = np.asarray(problem.theta_start)

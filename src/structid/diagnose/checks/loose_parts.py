@@ -62,7 +62,8 @@ def _idle_supports(structure: Structure) -> list[PlacedFinding]:
 def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding]:
     """Findings on parts that are joined to nothing else and that no stiffness restrains, one for each part.
 
-    `values` (n_values,) are the property values. Empty for a single part; where no part is held, the largest is left out.
+    `values` (n_values,) are the property values. A part is restrained if some rigid translation (of a part that only
+    turns, rotation) meets stiffness. Empty for a single part; where no part is restrained, the largest is left out.
     """
     codes = np.array(structure.numbering.free, dtype=np.int64)
     label, node = np.unique(codes // 6, return_inverse=True)
@@ -94,10 +95,10 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
 
 
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
-    """A finding that names the elements with half of the elastic energy of the mode with the largest mesh error.
+    """Finding that names the elements with half of the elastic energy of the mode with the largest mesh error.
 
-    None if the mesh is fine enough or no mode was judged. `values` (n_values,) are the property values, `mesh` the errors of
-    the same structure.
+    These are the fewest elements, of most energy, by the present mesh. None if the mesh is fine enough or no mode was
+    judged. `values` (n_values,) are the property values, `mesh` the errors of the same structure.
     """
     if not mesh.words or not mesh.number.size:
         return None

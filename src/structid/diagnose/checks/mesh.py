@@ -82,9 +82,10 @@ class MeshErrors:
 
     @cached_property
     def needed(self) -> int:
-        """Number of pieces to cut each element into, along each edge, so that no mode in the band is off by more than allowed.
+        """Number of pieces to cut each element into, along each edge, so that no mode is off by more than allowed.
 
-        0 where the elements are fine enough.
+        It follows from the error and the order of convergence of each mode, for errors within its `tolerance`. 0 where
+        no error is above `allowed`.
         """
         size = np.abs(self.error)
         if not (size > self.allowed).any():
@@ -128,7 +129,7 @@ class MeshErrors:
 
     @property
     def words(self) -> str:
-        """The `finding` with a remedy; "" where the mesh is fine enough."""
+        """Clause with the `finding` and a remedy, such as a finer subdivision; "" where the mesh is fine enough."""
         found = self.finding
         if not found:
             return ""
@@ -152,8 +153,8 @@ def mesh_errors(
 ) -> MeshErrors | str:
     """Discretization errors of the natural frequencies in `band`, or a sentence on why they are not known.
 
-    The model is solved again with elements a half and a quarter as long; the error is extrapolated with the power of the
-    element length that the three solutions show (Richardson).
+    The model is solved again with elements a half and a quarter as long; the error is extrapolated with the power of
+    the element length that the three solutions show (Richardson).
 
     Parameters
     ----------
@@ -163,12 +164,14 @@ def mesh_errors(
     band : (float, float)
         Lower and upper end of the frequency band, Hz.
     deviation : float
-        Smallest relative standard deviation of the measured frequencies: a larger mesh error matters.
+        Smallest relative standard deviation of the measured frequencies: a larger mesh error matters. Infinite for
+        records without modes.
 
     Returns
     -------
     MeshErrors or str
-        The text is "" for a structure without a mesh.
+        The text is "" for a structure without a mesh. Only the first refinement is used where the second has more than
+        20 000 degrees of freedom.
 
     References
     ----------
@@ -211,7 +214,8 @@ def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | No
     """Mesh errors of a set-up's structure in the band of its record, or a text that says why they cannot be computed.
 
     They are evaluated at the free variables `theta`, (n_params,), by default at the initial values of the parameters.
-    For a record of modes the band is widened on both sides, since the initial model may miss the measured modes by that.
+    For a record of modes the band is 15 % wider at both ends, since the initial model may miss the measured modes by
+    that.
     """
     low, high = float(problem.frequency.min()), float(problem.frequency.max())
     values = setup.parameters.values(

@@ -23,8 +23,8 @@ ChildCorners = tuple[tuple[int, ...], ...]
 def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[ChildCorners, ...]:
     """Elements into which a line, quadrilateral or hexahedron is halved along each edge, one at each of its corners.
 
-    `corners` are parametric coordinates, 0 or 1. A child is a tuple of its nodes; each node is the tuple of parent corners
-    (positions in `corners`) in whose middle it lies.
+    `corners` are parametric coordinates, 0 or 1. A child is a tuple of its nodes; each node is the tuple of parent
+    corners (indices in `corners`) in whose middle it lies.
     """
 
     def middle_of(at: tuple[int, ...], to: tuple[int, ...]) -> tuple[int, ...]:
@@ -105,7 +105,7 @@ def n_split(structure: Structure) -> int:
 
 
 def obstacle(structure: Structure) -> str | None:
-    """A sentence on why a structure cannot be refined; "" where it has no mesh, None where it can be refined."""
+    """Sentence on why a structure cannot be refined; "" if it has no mesh or no matrices, None if it can be refined."""
     if not structure.has_matrices:
         return ""
     if structure.measured:
@@ -131,7 +131,7 @@ def obstacle(structure: Structure) -> str | None:
 
 
 def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int) -> RefinedStructure | None:
-    """The structure with elements 1/`times` as long; None where it then has more than `most_dofs` degrees of freedom.
+    """The structure with elements 1/`times` as long; None if it is then too large.
 
     A new node is supported if it lies between nodes of a free side that are all supported in that direction.
 
@@ -144,6 +144,7 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
     times : int
         Number of pieces along each edge; a power of 2 for areas and solids.
     most_dofs : int
+        Most degrees of freedom of the result.
     """
     if not any(made.cells for made in structure.elements):
         more = (times - 1) * n_split(structure) * len(structure.active or DIRECTIONS)
@@ -161,9 +162,9 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
 
 
 def _inner_labels(structure: Structure, times: int) -> dict[int, int]:
-    """New labels by old ones, for nodes inside subdivided elements and at released ends.
+    """New labels by present ones, for nodes inside subdivided elements and at released ends.
 
-    Each piece is cut into `times` pieces.
+    Each present piece is cut into `times` pieces; labels follow the largest of the structure's nodes.
     """
     first = max(structure.nodes) + 1
     pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)
@@ -220,7 +221,8 @@ class _Middles:
 def _halve_cells(refined: RefinedStructure) -> RefinedStructure:
     """The structure with all areas and solids halved along each edge, and lines where their halves stay stable.
 
-    Lines are halved if they may be subdivided, or lie along an edge of an area or solid.
+    Lines are halved if they may be subdivided, or lie along an edge of an area or solid. Children get the property
+    values of their parent; new nodes on supported free sides are supported.
     """
     structure = refined.structure
     middles, edges = _Middles(structure), _edges(structure)
@@ -271,9 +273,9 @@ def _edges(structure: Structure) -> set[frozenset[int]]:
 
 
 def _supports_of_middles(structure: Structure, middles: _Middles) -> list[Dof]:
-    """Supports of the new nodes in `middles` on free sides between nodes that are all supported in the same direction.
+    """Supports of the new nodes in `middles` on free sides, in directions in which all parent nodes are supported.
 
-    A side is free if it belongs to a single area or solid.
+    A side is free if it belongs to a single area or solid of `structure`.
     """
     sides: dict[frozenset[int], int] = {}
     for made in structure.elements:
