@@ -336,16 +336,16 @@ class ModifiedModel:
         return self._best_fit(self.coarse.target, _COARSE, starts)
 
     def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:
-        """The minimum of least cost among searches of `problem` by `method` from each of `starts`, (n_params,) free variables.
+        """Minimum of least cost among searches of `problem` by `method` from each of `starts`, each (n_params,).
 
-        A search is left early where it will hardly get below the best end so far: where its next step promises to lower the sum
-        of squares by less than the part `RACED_AT`, and even a few such steps would end above. Searches that fail are passed
+        A search is left early where it will hardly get below the best end so far: where its next step promises to lower
+        the sum of squares by less than 5 %, and even a few such steps would end above. Searches that fail are passed
         over.
 
         Raises
         ------
         StructidError
-            If the searches fail from all starts.
+            If the searches fail from all starts; its cause is the last error.
         """
         minima: list[Minimum] = []
         last: Exception | None = None

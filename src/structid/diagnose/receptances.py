@@ -238,9 +238,10 @@ class Receptances:
         return stiffness
 
     def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
-        """Element matrices of all properties of the given kinds, such as ``mass``, each multiplied by the property's value.
+        """Element matrices of all properties of the given `kinds`, such as ``mass``, times the property's value.
 
-        Properties whose matrix is given as a whole are left out. `loss` is 0 where the element set has no loss factor.
+        One for each element and matrix term. Properties whose matrix is given as a whole are left out. `loss` is 0
+        where the element set has no loss factor, and for axial forces.
         """
         losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
         for item in self.structure.properties:

@@ -258,9 +258,10 @@ class Point:
     def _residuals_off_parameters(
         self, candidates: Sequence[Candidate], strengths: Sequence[FloatArray]
     ) -> Iterator[FloatArray]:
-        """Yield whitened residuals of each candidate at its `strengths`, (n_rows, n_strengths), without what parameters follow.
+        """Yield whitened residuals (n_rows, n_strengths) of each candidate, less what parameters follow.
 
-        Several candidates are computed together, since arrays of one alone are small.
+        `strengths` has an array for each of `candidates`, whose order the results have. About 48 columns are computed
+        together, since arrays of one candidate are small.
         """
         first, n_columns = 0, 0
         for last, values in enumerate(strengths, 1):

@@ -200,11 +200,12 @@ def _first(explanation: Explanation, item: RefitTask, work: TaskExecutor) -> Fit
 
 
 def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) -> Explanation:
-    """The explanation with a second change beside the first; where both leave more than noise, with the best of other pairs.
+    """Explanation with a second change in addition to the first, or with another pair if that leaves more than noise.
 
-    Other pairs are at most `MORE_PAIRS`. Beside the second, another first is looked for: a change that only resembles the first
-    of two faults loses its effect once the second is known. Where that brings nothing, a second is looked for beside the next
-    of the first causes. If the second explains as much alone, it is returned as the only cause.
+    At most four other pairs are tried, and the best is taken. With the second given, another first is searched for: a
+    change that only resembles the first of two faults loses its effect once the second is known. Where that brings
+    nothing, a second is searched for with the next of the first causes. If the second explains as much alone, it is
+    returned as the only cause. Where the budget ends the search, `is_single` is set.
     """
     if not budget.allows(explanation.spent, 0.5):
         return replace(explanation, is_single=True)
@@ -235,7 +236,10 @@ def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) 
 
 
 def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecutor) -> Explanation | None:
-    """The explanation by the second cause of `pair` alone, first in it, where that alone leaves only noise; None otherwise."""
+    """Explanation with the second cause of `pair` as its first, if that cause alone leaves only noise; None otherwise.
+
+    The causes of `explanation` follow it. None too if `pair` has no second cause that leaves only noise.
+    """
     if pair.further is None or not pair.further.causes or pair.further.causes[0].is_misfit:
         return None
     alone = _alone(explanation, pair.further.causes[0], work)
@@ -249,10 +253,11 @@ def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecuto
 def _from_second(
     explanation: Explanation, second: Explanation, work: TaskExecutor, budget: SearchBudget
 ) -> Explanation | None:
-    """A pair with another first cause, where it explains clearly more than the pair with `second`; None otherwise.
+    """Pair with another first cause, if it explains clearly more than the pair with `second`; None otherwise.
 
-    The first cause is looked for beside the likeliest cause of `second`, which is then fitted alone; both are fitted again with
-    the new first cause first.
+    The likeliest cause of `second` is fitted alone, and a first cause is searched for in addition to it; then the
+    causes of `second` are fitted again in addition to the new first cause. `explanation` has the causes that were found
+    first.
     """
     alone = _alone(explanation, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
@@ -280,7 +285,7 @@ def _from_next(
 
 
 def _is_better(explanation: Explanation, other: Explanation) -> bool:
-    """True where the criterion of the first cause of `explanation` is lower than that of `other` by more than `ALIKE`.
+    """True if the criterion of the first cause of `explanation` is lower than that of `other` by more than 6.
 
     False where `explanation` has no causes; `other` must have some.
     """
@@ -292,9 +297,10 @@ def _is_better(explanation: Explanation, other: Explanation) -> bool:
 
 
 def _led_by(explanation: Explanation, first: FittedModel, further: Explanation) -> Explanation | None:
-    """The explanation with `first` as its only first cause, and `further` as its second causes.
+    """Explanation with `first` as its only first cause, and `further` as its second causes.
 
-    None where `further` has no causes, and where `first` leaves more than half of the misfit and the pair more than noise.
+    The rest is that of `explanation`. None where `further` has no causes, and where `first` leaves more than half of
+    the misfit and the pair more than noise.
     """
     if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and further.causes[0].is_misfit):
         return None
@@ -308,9 +314,9 @@ def _last_change(fitted: FittedModel) -> CandidateOfStrength:
 
 
 def _alone(explanation: Explanation, fitted: FittedModel, work: TaskExecutor) -> FittedModel | None:
-    """The fit of the original model with only the last change of `fitted`; None where it does not lower the misfit.
+    """Fit of the original model with only the last change of `fitted`; None if that does not lower the misfit.
 
-    It is taken from the causes of `explanation` where a cause has the same place, and else fitted from the values of `fitted`.
+    A cause of `explanation` at the same position is taken as it is; else the fit starts from the values of `fitted`.
     """
     change = _last_change(fitted)
     for one in explanation.causes:
@@ -335,10 +341,10 @@ def _from_elsewhere(base: FittedModel) -> FittedModel | None:
 
 
 def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: SearchBudget) -> Explanation:
-    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fitted fully.
+    """Explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fitted fully.
 
-    `which` is the prefix of stage names in progress messages, such as "second ". `further` of the result is None; it counts the
-    changes for which there was no time in `left_out`.
+    `which` is the prefix of stage names in progress messages, such as "second ". `further` of the result is None;
+    `left_out` counts the changes for which there was no time, and `begun` has the quick fits.
     """
     clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
@@ -397,8 +403,9 @@ def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
     """Ranks for the quick fits of `derived` changes, which have no first-order test, one each; low ranks are fitted first.
 
-    Supports that turn together have rank 0 if one of them is in `rows`, the screened changes, and they are at several nodes or
-    at the node of the first support there; all others rank after the finalists.
+    Supports that turn together have rank 0 if one of them is in `rows`, the screened changes, and they are at several
+    nodes or at the node of the first support there; all others have ranks from 8, the number of finalists, in their
+    order.
     """
     turning = [row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)]
 
@@ -444,9 +451,9 @@ def _fit_near_all(
 ) -> list[StoredFit | None]:
     """Quick fits (`fit_near`) of all `changes`, in their order; None where there is no time, empty where a fit fails.
 
-    Changes of low `rank` are fitted first. A fit ends early where it can no longer be among the finalists, except for the
-    positions in `kept`. `alike` gives, for each change, the position of the first one that may have the same fit (its own if
-    none); `name` is the stage in progress messages.
+    Changes of low `rank` are fitted first. A fit ends early where it can no longer be among the finalists, except for
+    the indices in `kept`. `alike` gives, for each change, the index of the first one that may have the same fit (its
+    own if none); `name` is the stage in progress messages.
     """
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
@@ -470,8 +477,9 @@ def _fit_near_all(
 def _near_limits(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
     """Sums of squares, one for each stage of a quick fit, above which a change cannot be among the finalists.
 
-    `fits` are the candidates fitted so far with their quick fits. Data that `base` leaves out do not count. Empty where the
-    quick fit of `base` failed: then there is no limit.
+    Limits are 4 times the least so far (plus the number of parameters), and for the last stage also 98 % of that
+    without a change and the eighth least. `fits` are the candidates fitted so far with their quick fits. Data that
+    `base` leaves out do not count. Empty if the quick fit of `base` failed: then there is no limit.
     """
     if base.near is None:
         return ()
@@ -510,8 +518,9 @@ def _refits_in_time(
 ) -> tuple[list[FittedModel], int]:
     """Full fits of changes in the time there is, without those that fail; and the number of items that were tried.
 
-    At least `least` items are fitted, whatever the budget. `alike` holds, for each item, the position of the first one that may
-    have the same fit, whose fit it takes if one residual confirms it; None if all differ. `name` is the stage in messages.
+    `items` are (candidate, strength, free variables at the start). At least `least` of them are fitted, whatever the
+    budget. `alike` holds, for each item, the index of the first one that may have the same fit, whose fit it takes if
+    one residual confirms it; None if all differ. `name` is the stage in messages.
     """
     alike = range(len(items)) if alike is None else alike
     originals = [k for k, other in enumerate(alike) if other == k]
@@ -527,7 +536,7 @@ def _refits_in_time(
 def _simpler(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
     """The mass or spring to refit in place of a local resonance whose frequency is above or below all lines; empty otherwise.
 
-    A list of one item: candidate, strength and free variables at which its fit starts.
+    A list of one item: candidate, strength and free variables (n_params,) at which its fit starts.
     """
     limit = _limit_of(base, fitted, ratio=1.0)
     if limit is None:
@@ -536,10 +545,10 @@ def _simpler(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
 
 
 def _limit_of(base: FittedModel, fitted: FittedModel, ratio: float = RIGID_RATIO) -> Candidate | None:
-    """The mass (or rotary inertia) or spring to ground that a fitted local resonance has as its limit; None if there is none.
+    """Mass (or rotary inertia) or spring to ground that a fitted local resonance has as its limit; None if it has none.
 
-    It is a mass where its frequency is above `ratio` times the highest line, a spring where it is below the lowest line over
-    `ratio`, or where its mass is more than that of the structure. None too for changes that are no local resonance.
+    A mass if its frequency is above `ratio` times the highest line, a spring if it is below the lowest line over
+    `ratio`, or if its mass is more than that of the structure. None too for changes that are no local resonance.
     """
     if not isinstance(fitted.cause, Appendage):
         return None
@@ -565,7 +574,10 @@ def _added_values(base: FittedModel, one: FittedModel) -> dict[str, float]:
 
 
 def _is_heavier(base: FittedModel, fitted: FittedModel) -> bool:
-    """True of a fitted local resonance whose mass is more than that of the whole structure; always False of rotations."""
+    """True if the mass of a fitted local resonance is more than that of the whole structure; always False of rotations.
+
+    False too if the structure's mass is not known (0). `base` has the identified values.
+    """
     dof = parse_dof(fitted.cause.where[0])
     if dof.is_rotation:
         return False
@@ -575,10 +587,10 @@ def _is_heavier(base: FittedModel, fitted: FittedModel) -> bool:
 
 
 def _lossy(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
-    """The last change, if a spring, support or joint, with a loss factor of 0.02 to start with; a list of one item, or empty.
+    """Last change of `fitted`, if a spring, support or joint, with a loss factor of 0.02 as further unknown.
 
-    It is empty for other changes, for modes, where the change leaves more than half of the misfit, and where it leaves only
-    noise.
+    A list of one item to refit (candidate, strength, free variables at the start), or empty: for other changes, for
+    modes, where the change leaves more than half of the misfit, and where it leaves only noise.
     """
     candidate, strength = _last_change(fitted)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
@@ -592,9 +604,10 @@ def _lossy(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
 def _begun(
     modified: ModifiedModel, changes: Sequence[CandidateOfStrength], known: Mapping[str, float]
 ) -> list[RefitTask]:
-    """Items (candidate, strength, free variables at the start) of the changes that the model allows; the others are left out.
+    """Items (candidate, strength, free variables at the start) of the `changes` that the model allows, in their order.
 
-    `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say.
+    `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say. Others are
+    left out.
     """
     items: list[RefitTask] = []
     for candidate, strength in changes:
@@ -604,10 +617,10 @@ def _begun(
 
 
 def _of_large_model(base: FittedModel, work: TaskExecutor, budget: SearchBudget) -> Explanation:
-    """The explanation of the misfit of a large model by at most four refitted changes, without second causes.
+    """Explanation of the misfit of a large model by at most four refitted changes, without second causes.
 
-    They are outlying lines, then the best screened changes at the start and at the fit in turn: where a fit bends all values to
-    a fault, linear looks at it see what it was bent to, and those at the start see the fault.
+    They are outlying lines, then the best screened changes at the start and at the fit in turn: where a fit bends all
+    values to a fault, linear steps from it see what it was bent to, and those from the start see the fault.
     """
     clock = SearchBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.portion(SCREENING_TIME))
@@ -623,7 +636,7 @@ def _of_large_model(base: FittedModel, work: TaskExecutor, budget: SearchBudget)
 
 
 def with_freed(base: FittedModel, names: Sequence[str], tried: int, work: TaskExecutor = SERIAL) -> Explanation:
-    """An explanation from fits in each of which one fixed property is made a parameter; each fit may be the truth.
+    """Explanation by fits in each of which one fixed property is made a parameter; each fit may be the truth.
 
     Parameters
     ----------
@@ -677,10 +690,10 @@ def requested_changes(base: FittedModel, work: TaskExecutor = SERIAL) -> Explana
 
 
 def _weighed(base: FittedModel, fits: Sequence[FittedModel], tried: int) -> Explanation:
-    """An `Explanation` from the full fits of changes: the causes among them, the lowest criterion first, and the likely ones.
+    """`Explanation` by the full fits of changes: causes among them, the lowest criterion first, and the likely ones.
 
-    Of fits at one place only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the likely ones
-    are within `ALIKE` of the lowest criterion, that of `base` included.
+    Of fits at one position only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the
+    likely ones have a criterion less than 6 above the lowest, that of `base` included.
     """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
@@ -696,11 +709,12 @@ def _weighed(base: FittedModel, fits: Sequence[FittedModel], tried: int) -> Expl
 
 
 def _is_no_cause_of_its_own(base: FittedModel, fitted: FittedModel, fits: Sequence[FittedModel], scale: float) -> bool:
-    """True where a local resonance is near a limit (a mass or spring), fits no better than this, or outweighs the structure.
+    """True if a local resonance is near a limit (mass or spring), fits no better than that, or is too heavy.
 
-    Always False of other changes. The limits are compared among the `fits`: a resonance fits no better where a likelihood ratio
-    test at 1 % does not reject the simpler change, with `scale` as the variance of whitened residuals and lines within one
-    correlation length of its residual counted as one.
+    Always False of other changes; too heavy is a mass above that of the structure. The limits are compared among the
+    `fits`: a resonance fits no better where a likelihood ratio test at 1 % does not reject the simpler change, with
+    `scale` as the variance of whitened residuals and lines within one correlation length of the residual of the simpler
+    fit counted as one.
     """
     if not isinstance(fitted.cause, Appendage):
         return False
@@ -737,10 +751,10 @@ def _criterion(base: FittedModel, one: FittedModel, scale: float) -> float:
 
 
 def _is_worth(base: FittedModel, fitted: FittedModel, scale: float, tried: int) -> bool:
-    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
+    """True if a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
 
-    That part is 10 % of what goes beyond the noise, and the chance 1 %. `scale` is the variance of a whitened residual that
-    counts as noise. Data that it leaves out must also stand out (`_stands_out`).
+    That part is 10 % of what goes beyond the noise, and the chance 1 %. `scale` is the variance of a whitened residual
+    that counts as noise. Data that `fitted` leaves out must also stand out (`_stands_out`).
     """
     more = max(n_parameters(fitted.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - fitted.misfit
@@ -752,9 +766,9 @@ def _is_worth(base: FittedModel, fitted: FittedModel, scale: float, tried: int) 
 
 
 def _stands_out(base: FittedModel, fitted: FittedModel, tried: int) -> bool:
-    """True where the data that a change leaves out have at least twice the misfit of the rest, beyond chance (F test).
+    """True if the data that a change leaves out have at least twice the misfit of the rest, beyond chance (F test).
 
-    True as well where it leaves none out. `tried` is the number of changes that were tried, which share the risk of 1 %.
+    True as well if it leaves none out. `tried` is the number of changes that were tried, which share the risk of 1 %.
     """
     left = fitted.modified.target.n_data
     out = base.modified.target.n_data - left

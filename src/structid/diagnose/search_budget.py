@@ -40,7 +40,10 @@ class SearchEndedError(StructidError):
 
 
 def iteration_effort(problem: Problem) -> float:
-    """Effort in s of one iteration of a search on a problem, a linearization and a trial step, from sizes alone."""
+    """Effort in s of one iteration of a search on a problem, a linearization and a trial step, from sizes alone.
+
+    Sizes are those of data, parameters, lines and degrees of freedom. A joint problem has the sum of its problems.
+    """
     if isinstance(problem, JointProblem):
         return sum(iteration_effort(one) for one in problem.problems)
     jacobian = ENTRY_EFFORT * problem.n_data * len(problem.names)
@@ -82,7 +85,10 @@ _CHILD_SECONDS: dict[int, float] = {}
 
 
 def processor_seconds() -> float:
-    """Processor time of this process and of all workers that it started, ended ones included, in seconds; it never falls."""
+    """Processor time in seconds of this process and of all processes that it started, ended ones included.
+
+    It never falls. Of an ended process the time of the last call counts.
+    """
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):  # it has ended meanwhile
             times = child.cpu_times()
@@ -217,9 +223,9 @@ class TaskWithEffort:
     task: Callable
 
     def __call__(self, shared: object, item: object, tools: object) -> dict:
-        """A dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as it was.
+        """Dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as before.
 
-        `shared`, `item` and `tools` are those of the task, see `Task`.
+        `shared`, `item` and `tools` are passed on to the task.
         """
         before, METER.reading = METER.reading, 0.0  # the digits of a sum do not depend on what came before
         try:
@@ -229,9 +235,10 @@ class TaskWithEffort:
 
 
 def count_effort(problem: Problem, limits: FitLimits = NO_LIMITS) -> Progress:
-    """A `progress` callback for a search on `problem`, which adds the effort of each iteration to `METER`.
+    """Callback (iteration, cost) for the progress of a search on `problem`, which adds the effort of each to `METER`.
 
-    It raises `SearchEndedError` once more effort, or processor time of this process, than the limits is spent from now on.
+    It raises `SearchEndedError` once more effort, or processor time of this process, than `limits` allow is spent from
+    now on.
     """
     effort = iteration_effort(problem)
     most = METER.reading + limits.effort

@@ -57,9 +57,9 @@ class LinearizedFit(NamedTuple):
         return self._misfit_with(self.triangle[:, chosen].sum(axis=1, keepdims=True))
 
     def _misfit_with(self, freed: FloatArray) -> float:
-        """The misfit after one linear step with further unknowns, which have no prior.
+        """Misfit after one linear step of the fit with further unknowns, which have no prior.
 
-        `freed` (n, n_freed) are their Jacobian columns, with the rows of `triangle`.
+        `freed` (n, n_freed) are their Jacobian columns, with the rows of `self.triangle`.
         """
         n_directions = self.directions.shape[1]
         n_params = self.triangle.shape[1] - len(self.names) - n_directions - 1
@@ -85,7 +85,10 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
 
 
 def linearize_fit(fitted: FittedModel) -> LinearizedFit:
-    """A fit on fewer lines, linearized once for all changes that are compared with it; in large models fixed values are exact."""
+    """Fit on fewer lines, linearized at its free variables once for all changes that are compared with it.
+
+    Fixed values are free within their tolerances, in large models exact. The effort is counted.
+    """
     modified, target = fitted.modified, fitted.modified.coarse.target
     METER.add(iteration_effort(target))
     at = target.linearize(fitted.theta)
@@ -99,11 +102,12 @@ def linearize_fit(fitted: FittedModel) -> LinearizedFit:
 def screen_sets(
     base: FittedModel, work: TaskExecutor, name: str, budget: SearchBudget = UNLIMITED
 ) -> tuple[list[Screened], int]:
-    """Changes of sets, records and mesh that lower the misfit by one linear step, unsorted; and how many were looked at.
+    """Changes of sets, records and mesh that lower the misfit by one linear step, and the number of changes screened.
 
-    Each has its best strength. The misfit must drop by more than `LEAST_DROP` of it, except for mesh, shear, window and clock,
-    which need no drop. Of each family the `FIRST_OF_SET_KIND` that leave least go on, and every clock. Misfits are estimated on
-    the lines of `coarse` of the changed models. `name` is that of the stage in progress messages.
+    Each has its best strength; the order is that of the candidates. The misfit must drop by more than 2 % of it, except
+    for mesh, shear, window and clock, which need no drop. Of each family the four that leave least are returned, and
+    every clock. Misfits are estimated on the lines of `coarse` of the changed models, and scaled to all data. `name` is
+    that of the stage in progress messages.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
@@ -124,7 +128,7 @@ def screen_sets(
 
 
 def first_of_each(kinds: Sequence[str], most: int) -> list[int]:
-    """Ascending positions of the first `most` entries of each kind."""
+    """Indices, from 0 and rising, of the first `most` entries of each kind in `kinds`."""
     counts, kept = Counter[str](), list[int]()
     for k, kind in enumerate(kinds):
         counts[kind] += 1
@@ -136,10 +140,10 @@ def first_of_each(kinds: Sequence[str], most: int) -> list[int]:
 def screen_changes(
     linearized: LinearizedFit, sized: Sequence[CandidateOfStrength], work: TaskExecutor, name: str, budget: SearchBudget
 ) -> list[float]:
-    """The misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
+    """Misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
 
-    Infinite where there is no such model, its step fails or changes next to nothing, or there is no time for it. `name` is that of
-    the stage in progress messages.
+    Infinite where there is no such model, its step fails or changes next to nothing, or there is no time for it. Fixed
+    values that are columns of `linearized` need no changed model. `name` is that of the stage in progress messages.
     """
     known = {
         k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)
@@ -155,11 +159,12 @@ def _has_columns(linearized: LinearizedFit, candidate: Candidate) -> bool:
 
 
 def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools: TaskContext) -> dict[str, float]:
-    """The misfit under ``left`` after one linear step of the changed model; infinite if it fails or changes too little.
+    """Misfit, under the key ``left``, after one linear step of the changed model; infinite on failure.
 
-    The step begins at the values of the fit, and at the initial ones too where the candidate asks for it; the lower misfit
-    counts. `change` is the candidate and its strength. A change without a parameter that changes the residual by d lowers the
-    misfit W after a step by no more than 2 sqrt(W) |d| to first order.
+    The step begins at the values of the fit, and at the initial ones too where the candidate asks for it; the lower
+    misfit counts. `change` is the candidate and its strength. A change without a parameter that changes the residual by
+    d lowers the misfit W after a step by no more than 2 sqrt(W) |d| to first order; infinite too where that is less
+    than 2 % of W. `tools` is not used.
     """
     base = linearized.fitted
     try:

@@ -77,10 +77,12 @@ def disagreements(
     work: TaskExecutor = SERIAL,
     freed: Sequence[RecordProblem] = (),
 ) -> tuple[Disagreement, ...]:
-    """Pairs of parts of the data whose fits give different values, compared beyond chance and by more than 3 %.
+    """Pairs of parts of the data whose fits give different values, beyond chance and by more than 3 %.
 
-    The parts are the lower and the upper half of the band, and, for FRFs of more than three sensors without channel errors,
-    every other sensor. The result has at most one entry for each pair.
+    The parts are the lower and the upper half of the band, and, for FRFs of more than three sensors without channel
+    errors, every other sensor. The result has at most one entry for each pair, with the parameter that differs most (a
+    damping only if no other does). The chance is 0.1 % for all parameters of a pair. A pair of which a part cannot be
+    fitted is left out.
 
     Parameters
     ----------
@@ -90,8 +92,8 @@ def disagreements(
     work : TaskExecutor
         Runs the fits of the parts.
     freed : sequence of RecordProblem
-        The problems with the fixed values of their models among the unknowns: errors of these change all parts alike, and do
-        not count as a difference. Without them fixed values are exact.
+        The problems with the fixed values of their models among the unknowns: errors of these change all parts alike,
+        and do not count as a difference. Without them fixed values are exact.
     """
     place = {name: i for i, name in enumerate(joint_problem(problems).names)}
     by_sensors = all(isinstance(p, FrfProblem) and len(p.record.outputs) > 3 and p.channels is None for p in problems)
@@ -140,11 +142,11 @@ class _Parts(NamedTuple):
 
 
 def _fit_part(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
-    """The fit of one part: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it cannot be fitted.
+    """Fit of one part of the data: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it fails.
 
-    `values` and `std` are (n_params,); `changes` are those of `FixedValueInfluence`, (n_params, n_fixed + 1), for ``errors`` of
-    as many, or one column of zeros where fixed values are exact. `item` is the number of the part and the free variables
-    (n_params,) at which its fit starts.
+    `values` and `std` are (n_params,); `changes` are those of `FixedValueInfluence`, (n_params, n_fixed + 1), for
+    ``errors`` of as many, or one column of zeros where fixed values are exact. `item` is the number of the part (from
+    0) and the free variables (n_params,) at which its fit starts. `tools` is not used.
     """
     number, start = item
     search = Search(restarts=0, start=start)
@@ -169,7 +171,8 @@ Part = tuple[str, Problem]
 def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tuple[Part, Part]]:
     """Pairs of parts of the data, each part a name and a problem: lines below and above the median, and two sets of sensors.
 
-    The latter are every other sensor of the FRFs, with `by_sensors` only. Pairs of lines need 16 in each half of every record.
+    The latter are the sensors of even and of odd index of the FRFs, with `by_sensors` only. Pairs of lines need 16 in
+    each half of every record. No pair without problems.
     """
     if not problems:
         return

@@ -57,7 +57,7 @@ def support_tables(study: Tables) -> list[Tables]:
 
 
 def release(table: Tables, dof: Dof) -> bool:
-    """Take one degree of freedom out of the ``fixed`` of a table, in place; True if it was held there."""
+    """Take the degree of freedom `dof` out of the ``fixed`` of a table, in place; True if it was held there."""
     kept: list[str] = []
     is_there = False
     for text in as_list(table.get("fixed", [])):
@@ -76,7 +76,8 @@ def release(table: Tables, dof: Dof) -> bool:
 def rename_channels(record: Tables, changes: dict[str, str]) -> None:
     """Give channels of a record other names in its ``relabel`` table, which may rename them already; changed in place.
 
-    `changes` maps present names, such as ``3X`` or ``load 3X``, to new ones.
+    `changes` maps present names, such as ``3X`` or ``load 3X``, to new ones. Of a channel that the table renames
+    already, the entry gets the new name with the product of both signs.
     """
     given = record.setdefault("relabel", {})
     called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
@@ -106,9 +107,10 @@ def label_of(entry: Tables) -> str:
 
 
 def take_out_element(entry: Tables, name: str, number: int, count: int, is_factor: bool) -> None:
-    """Take element `number` (from 1) of the set `name` out of the unknown `entry`, changed in place; its name stays.
+    """Take element `number` (from 1) of the set `name` out of the unknown `entry`, changed in place.
 
-    `count` is the number of elements of the set; `is_factor` makes the unknown a factor on nominal values.
+    The unknown keeps its name, by default that of all its elements before. `count` is the number of elements of the
+    set; `is_factor` makes the unknown a factor on nominal values.
     """
     texts = [str(text) for text in as_list(entry["elements"])]
     kept: list[str] = []
@@ -125,7 +127,7 @@ def take_out_element(entry: Tables, name: str, number: int, count: int, is_facto
 
 
 def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
-    """Leave the unknown `entry` only the elements `kept`, in place; without a name it is named after all it had.
+    """Leave the unknown `entry` only the elements `kept`, in place; without a name it is named after all before.
 
     `is_factor` makes it a factor on nominal values, unless it says otherwise.
     """
@@ -138,7 +140,10 @@ def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
 
 
 def _spans(name: str, numbers: list[int]) -> list[str]:
-    """Texts ``name:2-4`` or ``name:6`` for elements of the set `name`, one for each run of consecutive `numbers`, which ascend."""
+    """Texts ``name:2-4`` or ``name:6`` for elements of the set `name`, one for each run of consecutive `numbers`.
+
+    The numbers must ascend.
+    """
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

@@ -112,7 +112,10 @@ class RecordDraft:
             self.set("shown", None if shown is None else _renamed_where_there(shown, names))
 
     def use_channels(self, outputs: Sequence[str]) -> None:
-        """Keep only the sensors at the places `outputs`, such as ``3X``; loads and support motions stay."""
+        """Keep only the sensors of the record at the degrees of freedom `outputs`, such as ``3X``; loads stay.
+
+        Support motions stay too. FRFs averaged from a history are cut in the same way.
+        """
         record = self.get("record")
         if isinstance(record, FrfRecord):
             self.set("record", record.channels(tuple(dof for dof in record.outputs if dof.place in outputs)))
@@ -183,9 +186,9 @@ class ModelDraft:
         return list({id(record.structure): record.structure for record in self.records}.values())
 
     def structure_of(self, number: int) -> StructureDraft:
-        """The draft of one record's structure, split off from those of other records so that edits change this record alone.
+        """Draft of one record's structure, split off from those of other records so that edits change it alone.
 
-        `number` is the position of the record.
+        `number` is the index of the record, from 0.
         """
         record = self.records[number]
         if sum(other.structure is record.structure for other in self.records) > 1:

@@ -14,12 +14,14 @@ from structid.inversion.search.within_tolerances import FixedValues
 def fixed_columns(
     fixed_values: FixedValues | None, names: tuple[str, ...], theta: FloatArray, n_rows: int
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Names of fixed values, changes of all rows by their logarithms, (n_rows, n_fixed), and relative tolerances, (n_fixed,).
+    """Names of fixed values, changes (n_rows, n_fixed) of all rows by their logarithms, and relative tolerances.
+
+    The effort of a linearization is counted.
 
     Parameters
     ----------
     fixed_values : FixedValues, optional
-        Without it there are no columns.
+        Fixed values of the model; without them there are no names, no columns and no tolerances.
     names : tuple of str
         Names of the parameters.
     theta : (n_params,) float array
@@ -38,9 +40,10 @@ def fixed_columns(
 def tolerance_directions(jacobian: FloatArray, columns: FloatArray) -> FloatArray:
     """Changes of data rows by one tolerance each, independent in what parameters cannot follow, (n_rows, n_directions).
 
-    Columns T of one tolerance each are turned to T V, with V the right singular vectors of the part of T that is off the
-    Jacobian; the coefficients of T V are standard normal as those of T are. Columns whose part off the Jacobian has a norm up
-    to 0.3 standard deviations of the data are left out: noise hides them.
+    Columns T of one tolerance each are turned to T V, with V the right singular vectors of the part of T that is off
+    the Jacobian; the coefficients of T V are standard normal as those of T are. Columns whose part off the Jacobian has
+    a norm up to 0.3 standard deviations of the data are left out: noise hides them. No columns where there are no fixed
+    values.
 
     Parameters
     ----------

@@ -216,7 +216,8 @@ class Diagnosis(Shown):
 def noise_ratio(identification: Identification) -> float | None:
     """True standard deviation of the noise over the assumed one: 1.0 if that fits, None if the residual is not just noise.
 
-    A ratio other than 1 needs a white, normal residual of at least 300 data with fixed values within their tolerances.
+    It fits at a chance of 0.1 % either way, or within 25 %. A ratio other than 1 needs a white, normal residual of at
+    least 300 data with fixed values within their tolerances. None too without residual tests.
     """
     tests = identification.estimate.goodness.residual_tests
     is_normal = tests is not None and tests.normality_probability >= DOUBT
@@ -246,9 +247,9 @@ def _is_beyond_noise(identification: Identification, ratio: float) -> bool:
 
 
 def fits_noise(identification: Identification) -> bool:
-    """True where the residual is what the noise leaves: of the right size, in whole and in parts, and without order.
+    """True if the residual is what the noise leaves: of the right size, in whole and in parts, and without order.
 
-    False where a record is missed or a fixed value is beyond its tolerance. Without residual tests the covariance basis
+    False if a record is missed or a fixed value is beyond its tolerance. Without residual tests the covariance basis
     decides.
     """
     fixed = identification.estimate.fixed
@@ -268,9 +269,10 @@ def _is_within_tolerances(identification: Identification) -> bool:
 
 
 def is_untested(identification: Identification) -> bool:
-    """True where the misfit fits the noise, but no degree of freedom is left beyond the parameters, so that any model fits.
+    """True if the misfit fits the noise, but too few data are left beyond the parameters, so that any model fits.
 
-    False for a search without a Jacobian (`target` is None).
+    That is no degree of freedom, or less than 0.99 of one that tests the model. False for a search without a Jacobian
+    (`target` is None).
     """
     goodness = identification.estimate.goodness
     is_without_freedom = not goodness.degrees_of_freedom > 0 or goodness.test_freedom < LEAST_FREEDOM
@@ -327,11 +329,12 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
-    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters.
+    """True if a cause leaves no more than noise, and removes most of the misfit or moves a value that matters.
 
-    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise. With `is_hidden`, parts of the
-    data are missed although the whole is not, and no value needs to move. Up to four times the noise may be left of a misfit of
-    which 95 % is removed.
+    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise. With `is_hidden`, parts of
+    the data are missed although the whole is not, and no value needs to move. No more than noise is up to 1.25 times
+    `expected`, or four times if 95 % of the misfit is removed. Most is half of the misfit; if a value matters, 85 % of
+    what goes beyond noise.
     """
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
@@ -343,7 +346,7 @@ def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> 
 
 
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
-    """The first second cause, if it leaves nothing but noise beside the first cause; None otherwise.
+    """First of the second `causes`, if it leaves nothing but noise in addition to the first cause; None otherwise.
 
     `expected` is the chi-square per degree of freedom of noise; up to 1.25 times this counts as noise.
     """
@@ -373,13 +376,14 @@ def judged(
     is_asked: bool = False,
     find_disagreements: Callable[[], tuple[Disagreement, ...]] | None = None,
 ) -> Judgement:
-    """The verdict on an identification, with its reasons, among them faults of channels and records that stand out.
+    """Verdict on an identification, with its reasons, among them faults of channels and records that stand out.
 
     Parameters
     ----------
     identification : Identification
+        Answer to judge.
     causes : sequence of Cause
-        Accepted ones, the likeliest first.
+        Accepted causes of the misfit, the likeliest first.
     n_tried : int
         Number of changes that were tried; 0 where none were.
     suggestions : sequence of Cause
@@ -417,12 +421,13 @@ def judged(
 
 
 def clock_or_stiffness(identification: Identification) -> str:
-    """A clause that a clock explains as well why all stiffnesses moved together from their starts; "" where it does not.
+    """Clause that a clock may as well explain that all stiffnesses moved together from their starts; "" if none may.
 
-    Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The clause is
-    there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two stiffnesses to their
-    starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their uncertainty and 1 %. Axial
-    forces count as stiffnesses. A matrix-free search has no covariance matrix to test this with.
+    Frequencies that are all read c times too high give c^2 times all stiffnesses over masses, and nothing else. The
+    clause is there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two
+    stiffnesses to their starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their
+    uncertainty and 1 %. Axial forces count as stiffnesses. A matrix-free search has no covariance matrix to test this
+    with.
     """
     estimate, problems = identification.estimate, identification.problems
     index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))
@@ -480,7 +485,10 @@ def data_disagreements(identification: Identification, work: TaskExecutor = SERI
 
 
 def record_faults(identification: Identification) -> tuple[str, ...]:
-    """Sentences on faults of single channels that the histories show (dead, clipped, spikes): first loads, then sensors."""
+    """Sentences on faults of single channels that the histories show (dead, clipped, spikes): first loads, then sensors.
+
+    Each group is sorted by its text; empty if there are none.
+    """
     faults: list[tuple[bool, str]] = []
     for setup in identification.setups:
         loads = {str(dof) for role, dofs in setup.channels if role == "input" for dof in dofs}
@@ -489,9 +497,10 @@ def record_faults(identification: Identification) -> tuple[str, ...]:
 
 
 def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
-    """The verdict "approximate" for an answer within its noise whose record asks for `suggestions` beyond chance.
+    """Verdict "approximate" for an answer within its noise whose record asks for `suggestions` beyond chance.
 
-    There must be at least one of these, and the one that moves a value most must have shifts.
+    The words name the first of them, and the value that the most moving one moves farthest. There must be at least one,
+    and that one must have shifts.
     """
     told = tuple(one.words for one in suggestions)
     most = max(suggestions, key=lambda one: one.moves)
@@ -512,11 +521,11 @@ def _judged(
     doubts: Sequence[FixedValueSensitivity],
     find_disagreements: Callable[[], tuple[Disagreement, ...]],
 ) -> Judgement:
-    """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
+    """Verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first rule that applies decides.
 
-    Arguments are those of `judged`; `doubts` are the fixed values that are doubted. Faults of records are not looked
-    at. `n_tried` counts the changes that were fitted; `find_disagreements` fits parts of the data, and is called only
-    where the verdict depends on it.
+    `causes` are accepted, `suggestions` lower the misfit without being causes, both the likeliest first; `doubts` are
+    the fixed values that are doubted. Faults of channels do not count. `n_tried` counts the changes that were tried;
+    `find_disagreements` fits parts of the data, and is called only where the verdict depends on it.
     """
     estimate = identification.estimate
     if identification.alternatives is not None:
@@ -674,10 +683,11 @@ def _judged(
 
 
 def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
-    """The first likely change that removes at least half of the misfit and moves a value that matters, and that value's shift.
+    """First likely change that removes at least half of the misfit and moves a value that matters, and its shift.
 
-    None if there is none. Likely are the first change and those that the data do not distinguish from it. A value matters if it
-    moves beyond its 95 % interval and by more than 1 %. A change that removes less is covered by the intervals.
+    None if there is none. Likely are the first of `changes` and those that the data do not distinguish from it. A value
+    matters if it moves beyond its 95 % interval and by more than 1 %. A change that removes less is covered by the
+    intervals.
     """
     likely = [change for k, change in enumerate(changes) if k == 0 or change.is_alike]
     for change in (one for one in likely if one.share >= MOST_OF_MISFIT):
@@ -715,7 +725,7 @@ def _open_combinations(identification: Identification) -> str:
 
 
 def _status_beside_away(identification: Identification) -> str:
-    """Status of the estimate; without its remedy where all that is not determined is stiffness that went to zero."""
+    """Status of the estimate in words; without remedy if all that is undetermined are stiffnesses gone to zero."""
     estimate = identification.estimate
     lost = {*np.flatnonzero(~estimate.identified & estimate.spread.is_free).tolist(), *identification.ran_away}
     is_all_gone = estimate.status is Status.NOT_IDENTIFIABLE and all(is_gone(estimate, index) for index in lost)
@@ -728,7 +738,7 @@ def _by_priors(identification: Identification) -> list[str]:
 
 
 def _is_large(identification: Identification) -> bool:
-    """True where the model misses a record by more than 2 % of its responses, whatever the noise.
+    """True if the model misses a record by more than 2 % of its responses (root of summed squares), whatever the noise.
 
     For modes the limits are 2 % of a shape, sqrt(1 - MAC), and 0.2 % of a frequency.
     """
@@ -756,7 +766,10 @@ def not_found(identification: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(identification: Identification) -> str:
-    """A clause on the misfit: the missed resonance, the fixed value that is off, or the ratio of the misfit to the noise."""
+    """Clause on the misfit: the missed resonance, the fixed value that is off, or the ratio of the misfit to the noise.
+
+    The first that applies is told; the fixed value only where the misfit is below 1.1 times the noise.
+    """
     if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
         return identification.missed[0].words
     size = float(np.sqrt(identification.estimate.goodness.least_per_dof))
@@ -811,9 +824,9 @@ def _off(identification: Identification) -> list[str]:
 
 
 def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
-    """Pairs (distance in half-power half-widths, clause) of the measured modes that the model misses.
+    """Measured modes that the model misses, as (distance in half-power half-widths, clause).
 
-    A mode is missed where its frequency is off by more than its half-width and by more than five standard deviations.
+    A mode is missed if its frequency is off by more than its half-width and by more than five standard deviations.
     """
     data, pairs = fit.problem.data, fit.fitted
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
@@ -830,10 +843,10 @@ def _missed(measured: float, predicted: float, distance: float) -> tuple[float, 
 
 
 def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
-    """Pairs (distance in half-power half-widths, clause) of the FRF resonances that the model misses by more than 1.0.
+    """FRF resonances that the model misses by more than a half-power half-width, as (distance in half-widths, clause).
 
-    The distance is infinite where the model has no resonance near. Only those count about which the mean square of the whitened
-    residual is 4 or more.
+    The distance is infinite where the model has no resonance near. A half-width is at least one line spacing. Only
+    those count about which (3 half-widths) the mean square of the whitened residual is 4 or more.
     """
     missed, frequency = [], fit.problem.frequency
     of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))

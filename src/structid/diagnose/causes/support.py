@@ -98,9 +98,10 @@ class Support(Candidate):
         return [*to_base, *released, *added_spring("spring", entry, self.loss_factor)]
 
     def _driving_end(self, model: TestedModel, dof: Dof) -> tuple[list[Edit], dict[str, str]]:
-        """The edits for a driven support, and the argument ``second`` of its spring; both empty if it is not driven.
+        """Edits for a support at `dof` that a base drives, and the argument ``second`` of its spring; else both empty.
 
-        The second end is a new node, in the place of the first, that moves with the base.
+        The second end is a new node at the position of the first, that moves with the base; records driven there get
+        its name for their channel.
         """
         if not any(base.moves(dof) for setup in model.setups for base in setup.structure.bases):
             return [], {}
