@@ -556,7 +556,7 @@ class MoveMass:
             structure.set("elements", tuple(self._moved(element) for element in structure.get("elements")))
 
     def _moved(self, element: Any) -> Any:
-        """The element set with its mass `number` (from 1) at the new node if it has the name of this edit; else as it is."""
+        """Element set with its mass `self.number` (from 1) at the new node; other sets are returned as they are."""
         if element.name != self.name:
             return element
         nodes = element.nodes.ravel().copy()

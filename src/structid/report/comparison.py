@@ -34,10 +34,10 @@ _HEADER = (
 
 
 def comparison_table(result: ComparisonResult) -> Table:
-    """Table of all compared parameters, one row each, declared changes first and marked "changed".
+    """Table of all compared parameters, one row each, in the order of `Comparison.order`, declared changes first.
 
-    Columns are name, unit, values before and after with deviations, relative change, its deviation, p-value, adjusted
-    p-value, mark and detection limit.
+    Columns are name, unit, values before and after with standard deviations, relative change, its standard deviation,
+    p-value, adjusted p-value, mark ("changed" or "") and relative detection limit.
     """
     comparison = result.comparison
     order = comparison.order
@@ -130,7 +130,10 @@ def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
 
 
 def changes_figure(comparison: Comparison) -> plot.Figure:
-    """Figure of the relative change (%) of every parameter with its 95 % interval, over its detection limit."""
+    """Figure of the relative change (%) of every parameter with its 95 % interval, over its detection limit.
+
+    Parameters whose change has no standard deviation are marked as not determined, at 0.
+    """
     heights, limit = np.arange(len(comparison.names), dtype=float), 100 * _axis_limit(comparison)
     ratio, std = 100 * comparison.relative_change, 100 * comparison.relative_std
     seen, half = np.isfinite(std), 100 * comparison.relative_detection_limit
@@ -156,7 +159,11 @@ def changes_figure(comparison: Comparison) -> plot.Figure:
 
 
 def _axis_limit(comparison: Comparison) -> float:
-    """Largest relative change on the axis (a fraction): holds all changes and most intervals; 1 if no change is known."""
+    """Largest relative change on the axis, a fraction: it holds all changes and most intervals.
+
+    It is 1.15 times the farthest interval end, or less: 1.5 times the largest change or 4 times the median end,
+    whichever is larger. 1 if no change is known.
+    """
     reach = np.abs(comparison.relative_change) + NORMAL_95 * comparison.relative_std
     reach = reach[np.isfinite(reach)]
     if not reach.size:
@@ -179,8 +186,9 @@ def map_figure(comparison: Comparison, drawn: DrawableStructure) -> plot.Figure:
 def _shading(comparison: Comparison, drawn: DrawableStructure, name: str, kinds: tuple[str, ...]) -> Shading | None:
     """Shading of elements by the declared changes of one kind of property; None if none of its parameters was compared.
 
-    `name` is the kind's name in the title, `kinds` are the kinds of property that belong to it. Changes not declared count as
-    0.
+    `name` is the kind's name in the title, `kinds` are the kinds of property that belong to it. Changes not declared
+    count as 0; of several parameters of an element the largest change counts. `drawn` is the structure with its
+    parameters.
     """
     index_of = {label: i for i, label in enumerate(comparison.names)}
     changes: Changes = {}

@@ -44,8 +44,8 @@ Figures = dict[str, plot.Figure]
 def modes_table(correlation: ModesCorrelation) -> Table:
     """Table with a row for each measured mode: its paired model mode, frequency difference, MAC and remark.
 
-    Where the record states errors of shapes, a MAC has its standard deviation and, from `_TOLD` on, what noise takes from
-    it on the mean. Rows of unpaired modes are marked "lost".
+    Modes are numbered from 1. Where the record states errors of shapes, a MAC has its standard deviation, and the
+    amount by which noise lowers it in the mean if that is at least 0.0005. Rows of unpaired modes are marked "lost".
     """
     rows, f, mac = [], correlation.model.frequency, correlation.mac_of_pairs
     for i, own in enumerate(correlation.measured.frequency.tolist()):
@@ -76,7 +76,10 @@ def surplus_table(correlation: ModesCorrelation) -> Table | None:
 
 
 def orthogonality_facts(correlation: ModesCorrelation) -> tuple[tuple[str, str], ...]:
-    """Pairs of a label and a text on self- and cross-orthogonality of shapes with the reduced mass; () if not computed."""
+    """Pairs of a label and a text on self- and cross-orthogonality of shapes with the reduced mass; () if not computed.
+
+    Only shapes known at every sensor count. Named are the largest off-diagonal entry and the least entry of a pair.
+    """
     own, cross = correlation.self_orthogonality, correlation.cross_orthogonality
     if own is None or cross is None:
         return ()
@@ -96,7 +99,10 @@ def orthogonality_facts(correlation: ModesCorrelation) -> tuple[tuple[str, str],
 
 
 def expansion_table(correlation: ModesCorrelation) -> Table | None:
-    """Table of how well each measured shape was expanded to the model; None if no shapes were expanded."""
+    """Table of how well each measured shape was expanded to the model, a row for each; None if none was expanded.
+
+    Columns are mode number, frequency, modes that it is made of, residual at the sensors and median standard deviation.
+    """
     if correlation.expanded is None:
         return None
     rows = []
@@ -194,9 +200,10 @@ def _name_prefix(name: str, words: str) -> str:
 
 
 def modes_part(correlations: Sequence[ModesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
-    """Figures by name, and template values by key, on measured modes against one or two models.
+    """Figures by name, and template values by key, on the measured modes of a record against one or two models.
 
-    `correlations` are the correlations with each model; tables are those of the last. Names of figures begin with `key`.
+    `correlations` are the correlations with each model (initial before identified); tables are those of the last. Names
+    of figures begin with `key`. Figures that cannot be made are left out.
     """
     last, model_names = correlations[-1], ALONE if len(correlations) == 1 else BEFORE_AND_AFTER
     figures = {
@@ -225,7 +232,8 @@ def modes_part(correlations: Sequence[ModesCorrelation], key: str) -> tuple[Figu
 def responses_part(correlations: Sequence[ResponsesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
     """Figures by name, and template values by key, on measured responses against one or two models.
 
-    `correlations` are the correlations with each model; the table is that of the last. Names of figures begin with `key`.
+    `correlations` are the correlations with each model (initial before identified); the table of resonances is that of
+    the last. Names of figures begin with `key`. Figures that cannot be made are left out.
     """
     last, model_names = correlations[-1], ALONE if len(correlations) == 1 else BEFORE_AND_AFTER
     figures = {
@@ -286,7 +294,10 @@ def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
 
 
 def side_by_side_chapter(identification: Identification) -> tuple[Figures, list[dict[str, object]]]:
-    """Figures by name, and template values of each record, that compare it with the initial and the identified model."""
+    """Figures by name, and template values of each record, that compare it with the initial and the identified model.
+
+    Records of modes come first. A single record has no title.
+    """
     modal, responses = before_and_after(identification)
     figures, parts = _chapter(modal, responses, "correlation_{}_modes", "correlation_{}_responses")
     if len(parts) == 1:
@@ -376,7 +387,7 @@ def _frames(cells: FloatArray) -> list[plot.Curve]:
 
 
 def comac_figure(correlations: Sequence[ModesCorrelation], model_names: Sequence[str]) -> plot.Figure:
-    """Bar charts of COMAC and ECOMAC of every sensor, over all mode pairs, with one bar for each model.
+    """Bar charts of COMAC and ECOMAC of every sensor, over all mode pairs, in two panels, with one bar for each model.
 
     `correlations` holds one correlation for each model, `model_names` the models' names.
     """

@@ -111,10 +111,10 @@ def report_page(
     provenance: Mapping[str, object] | None = None,
     diagnosis: Diagnosis | None = None,
 ) -> Page:
-    """Report page of an identification, with its figures.
+    """Report page of an identification, with its figures; nothing is written.
 
-    `provenance` has versions, digests and settings for a table; without a diagnosis the verdict is made here, and no causes
-    are shown. An empty `title` becomes "Structural identification".
+    `provenance` has versions, digests and settings for a table; without a diagnosis the verdict is made here, and no
+    causes are shown. An empty `title` becomes "Structural identification".
     """
     view = results_view(identification, diagnosis, title or "Structural identification", provenance)
     found, structure = identification.estimate, identification.structure
@@ -182,7 +182,10 @@ def report_page(
 
 
 def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
-    """Figures by name: responses and residuals of every record of responses, and a residual map of the first."""
+    """Figures by name: responses and residuals of every record of FRFs, and a residual map of the first.
+
+    Names of the second and later records begin with ``record_2_`` and so on.
+    """
     figures = {}
     for count, fit in enumerate(identification.fits, 1):
         prefix = f"record_{count}_" if count > 1 else ""
@@ -220,7 +223,8 @@ def _other(identification: Identification, index: int) -> dict[str, object]:
 def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Warnings to be shown one by one, and those that repeat one message for many parameters, as two tuples.
 
-    The status and the undetermined directions have places of their own and are in neither. A few repetitions stay in the first.
+    The status and the undetermined directions are shown elsewhere and are in neither. Up to four repetitions stay in
+    the first, which is then all.
     """
     estimate = identification.estimate
     elsewhere = {f"the data determine {d.words}" for d in estimate.identifiability.directions}
@@ -238,7 +242,11 @@ def _status_warning(identification: Identification) -> str:
 
 
 def verdict_words(view: ResultsView) -> dict[str, object]:
-    """Template values, by key, for the verdict, its reasons, possible causes, suggested studies and fixed values."""
+    """Template values, by key, for the verdict, its reasons, possible causes, suggested studies and fixed values.
+
+    The table of changes is under ``causes`` if the diagnosis has causes, else under ``lowering``; None if there are
+    none. Fixed values are listed if 1 % of them moves a parameter by 0.1 standard deviations.
+    """
     diagnosis = view.diagnosis
     causes = diagnosis.named
     table = Table(_CAUSE_COLUMNS, tuple(_cause_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None
@@ -285,9 +293,10 @@ def _fixed_value_row(sensitivity: FixedValueSensitivity) -> tuple[str, ...]:
 
 
 def _cause_row(cause: Cause, first: Cause) -> tuple[str, ...]:
-    """Table row of one possible cause: text, share of misfit explained, chi-square, added parameters, largest change.
+    """Table row of one possible cause: text, share of misfit explained, chi-square, added parameters, largest shift.
 
-    `first` is the first cause, to which `cause` may be alike.
+    Chi-square is per degree of freedom. `first` is the likeliest cause; the text says if the data cannot distinguish
+    `cause` from it.
     """
     alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not first else ""
     added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
@@ -299,7 +308,10 @@ def _cause_row(cause: Cause, first: Cause) -> tuple[str, ...]:
 
 
 def free_page(result: StudyResult) -> Page:
-    """Report page of an identification with too many parameters for a covariance matrix, with its figures."""
+    """Report page of an identification with too many parameters for a covariance matrix, with its figures.
+
+    The 25 parameters of largest change are listed. Nothing is written.
+    """
     identification = result.identification
     estimate = identification.estimate
     maps = field_figures(identification)
@@ -395,7 +407,10 @@ def _std_words(result: StudyResult) -> str:
 
 
 def field_figures(identification: Identification) -> dict[str, plot.Figure]:
-    """Figures of element properties over a mesh, by "<property> of <element set>"; only those with three parameters or more."""
+    """Figures of element properties over a mesh, by "<property> of <element set>": change and standard deviation.
+
+    Both are relative to the initial value. Only properties that three parameters or more change have a figure.
+    """
     estimate, unknown, own = identification.estimate, identification.parameters, identification.own_index
     records = [fit.problem.record for fit in identification.fits]
     before, after = unknown.values(estimate.initial[own]), unknown.values(estimate.values[own])

@@ -68,7 +68,10 @@ _MOST_SETS = 12
 
 
 def value_table(view: ResultsView) -> Table:
-    """Table of every parameter with standard deviation, 95 % interval, initial value and state; doubtful ones are marked."""
+    """Table of every parameter with standard deviation, 95 % interval, initial value and state.
+
+    Rows of parameters that are not determined are marked "doubtful".
+    """
     header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
     rows = tuple(
         (
@@ -117,7 +120,7 @@ def parameter_table(view: ResultsView) -> Table:
 def alternatives_table(sets: Alternatives) -> Table:
     """Table of sets of values that fit equally well, one column each, and a row with the measurement that would decide.
 
-    Only the first few sets are shown.
+    Only the first 12 sets are shown. That row is left out if no such measurement is known.
     """
     count = min(len(sets), _MOST_SETS)
     header = ("Parameter", "Unit", *(f"Set {k + 1}" for k in range(count)))
@@ -157,7 +160,11 @@ def interval_words(identification: Identification) -> str:
 
 
 def residual_table(estimate: Estimate) -> Table | None:
-    """Table of statistical tests of the residual of every channel, doubtful ones marked; None if there are no tests."""
+    """Table of statistical tests of the residual of every channel; None if there are no tests.
+
+    Rows of channels whose residual is not white, or whose signs do not alternate as those of noise, are marked
+    "doubtful".
+    """
     tests = estimate.goodness.residual_tests
     if tests is None:
         return None
@@ -177,7 +184,10 @@ def residual_table(estimate: Estimate) -> Table | None:
 
 
 def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
-    """Table of modes of initial and identified model; the last column says "yes" for modes in the frequency `band` (Hz)."""
+    """Table of modes of initial and identified model; the last column says "yes" for modes in the frequency `band` (Hz).
+
+    A mode below 1e-4 of the highest frequency is a rigid body mode.
+    """
     header = (
         "Mode", "Initial frequency (Hz)", "Identified frequency (Hz)", "Change",
         "Initial damping ratio", "Identified damping ratio", "MAC with initial shape", "In the band used",
@@ -220,7 +230,10 @@ def direction_table(estimate: Estimate) -> Table:
 
 
 def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
-    """Pairs of a label and a text on the first record of FRFs: source, lines, sensors, loads, noise and residual."""
+    """Pairs of a label and a text on the first record of FRFs: source, lines, sensors, loads, noise and residual.
+
+    The last is the form of the residual, such as output or logarithm.
+    """
     whole, problem = identification.measured, identification.problem
     used = problem.record
     errors = "none stated" if used.variance is None else _NOISE.get(used.noise_source, used.noise_source)
@@ -339,7 +352,7 @@ def _span(frequency: FloatArray) -> str:
 def _gaps(record_frequency: FloatArray, fit_frequency: FloatArray) -> str:
     """Text on frequency ranges inside the band that were left out, beginning with a comma; "" if there are none.
 
-    It gives the number of lines instead if there are many ranges. `record_frequency` and `fit_frequency` (n,) are the
+    With more than six ranges it gives the number of lines instead. `record_frequency` and `fit_frequency` (n,) are the
     frequencies of the record and of the fit, Hz, increasing.
     """
     inside = record_frequency[(record_frequency >= fit_frequency[0]) & (record_frequency <= fit_frequency[-1])]
@@ -437,9 +450,10 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 
 def _pull(fit: ModalFit) -> str:
-    """Text on how many parameters each kind of measured value (frequencies, shapes, ...) determines, and its part of the misfit.
+    """Text on the parameters that each kind of measured value (frequencies, shapes, ...) determines, and its misfit.
 
-    Priors are named last where they determine a part. It says so if these modes alone do not determine every parameter.
+    Given are the number of parameters and the part of the misfit. Priors are named last where they determine more than
+    0.5 % of the parameters. It says so instead if these modes alone do not determine every parameter.
     """
     from structid.forward.modal.problem import influence_by_kind  # for records of modes alone
 

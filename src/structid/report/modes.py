@@ -43,7 +43,10 @@ _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
 def modes_text(result: ModesResult) -> list[RenderableType]:
-    """Terminal text of identified modes: heading, warnings, record, method, tables and scale of the shapes."""
+    """Terminal text of identified modes: heading, warnings, record, method, tables and scale of the shapes.
+
+    Tables of poles left out and of tones follow that of modes where there are any.
+    """
     parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
@@ -111,7 +114,11 @@ def _probability_words(probability: float) -> str:
 
 
 def tracks_table(tracks: ModeTracks) -> Table:
-    """Table with a row for each tracked mode: number of records, first and last frequency, change, damping and least MAC."""
+    """Table with a row for each tracked mode: number of records, first and last frequency, change, damping and least MAC.
+
+    The change is from the first to the last record that shows the mode, damping is the median over the records, and the
+    MAC compares the shape with the one that the track had last.
+    """
     rows = []
     for k in range(tracks.n_tracks):
         seen = np.flatnonzero(tracks.members[:, k] >= 0)
@@ -165,7 +172,8 @@ def tracks_page(tracks: ModeTracks) -> Page:
 def mode_table(result: ModesResult) -> Table:
     """Table of identified modes with standard deviations, shape complexity, clusters of poles and remarks.
 
-    Modes with a remark are marked "doubtful".
+    Rows are in the order of the modes, numbered from 1; those with a remark are marked "doubtful". The columns on
+    clusters are empty if the method forms none.
     """
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
@@ -200,7 +208,11 @@ def _spread_words(std: float) -> str:
 
 
 def remarks(result: ModesResult) -> list[list[str]]:
-    """Remarks on doubtful modes as sentences: one list for each mode, empty if there is nothing to remark."""
+    """Remarks on doubtful modes as sentences: one list for each mode, empty if there is nothing to remark.
+
+    They are on damping that is not positive or not significant, on possible tones, on shapes with an MPC below 0.7, and
+    on modes whose shapes have a MAC above 0.95.
+    """
     modes, n = result.modes, result.modes.n_modes
     remarks: list[list[str]] = [[] for _ in range(n)]
     alike = mac(modes.mode_shapes)

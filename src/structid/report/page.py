@@ -62,7 +62,8 @@ class Page:
     def write(self, folder: Path, png: bool = False) -> Path:
         """Write the page into `folder`, created if missing, and return the path of the page.
 
-        With `png` the figures are also written as PNG files, into the folder ``figures`` beside it.
+        A page that is there is replaced, whole or not at all. With `png` the figures are also written as PNG files,
+        into the folder ``figures`` beside it.
 
         Raises
         ------

@@ -122,7 +122,10 @@ def test_table(plan: Plan) -> Table:
 
 
 def parameter_table(plan: Plan) -> Table:
-    """Table of the predicted relative standard deviation of each parameter, with one column for each compared test."""
+    """Table of the predicted relative standard deviation of each parameter, with one column for each compared test.
+
+    Undetermined parameters have an infinite one; those not of interest are marked as nuisance.
+    """
     tests = compared_tests(plan)
     header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []
@@ -134,7 +137,11 @@ def parameter_table(plan: Plan) -> Table:
 
 
 def choice_lines(plan: Plan) -> list[str]:
-    """Lines of text on the chosen sensors and loads and, if lines were chosen, on these; most informative first."""
+    """Lines of text on the chosen sensors and loads and, if lines were chosen, on these; most informative first.
+
+    A line on the sensors by effective independence is added where these were computed; at most 40 frequency lines are
+    listed.
+    """
     lines = [
         f"chosen sensors: {places(plan.chosen.sensors)}; loads: {places(plan.chosen.loads)}",
         *([] if plan.kammer is None else [f"effective independence would take: {places(plan.kammer.sensors)}"]),
@@ -171,7 +178,10 @@ def enough_lines(plan: Plan) -> list[str]:
 
 
 def next_lines(plan: Plan) -> list[str]:
-    """At most one line of text: the best sensors to add next, and the worst standard deviation that each would leave."""
+    """At most one line of text: the three best sensors to add next, and the worst standard deviation each would leave.
+
+    They are added to the installed test, or to the chosen one if nothing is installed. [] if none was tried.
+    """
     if not plan.next_sensors:
         return []
     base = plan.installed or plan.chosen
@@ -235,7 +245,8 @@ def _places(plan: Plan, test: PlannedTest) -> plot.Figure:
 def std_figure(plan: Plan) -> plot.Figure:
     """Figure of the predicted relative standard deviation of every parameter, with one marker for each compared test.
 
-    A line marks the target if there is one; values beyond the axis are drawn with an arrow at its end.
+    The range above 100 % is marked as not determined. A line marks the target if there is one; values beyond the axis
+    are drawn with an arrow at its end.
     """
     tests, target = compared_tests(plan), plan.options.target
     of_interest = zip(plan.parameters.names, plan.chosen.of_interest, strict=True)

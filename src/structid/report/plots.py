@@ -81,8 +81,9 @@ def structure(shown: Structure, axes: Where) -> Picture:
 def frf(identification: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
     """Picture of a measured FRF with the models' at one sensor and load, on `axes` or, if None, new ones.
 
-    If only one of `sensor` and `load` is named, the other is the first of the record; if both are "", the worst fitted FRF is
-    drawn. `record` is the number, from 0, among the records of responses.
+    If only one of `sensor` and `load` is named, the other is the first of the record; if both are "", the worst fitted
+    FRF is drawn. `record` is the number, from 0, among the records of responses. `InputError` if there is no such
+    channel.
     """
     fit = _fit(identification, record)
     outputs, inputs = fit.measured.outputs, fit.measured.inputs

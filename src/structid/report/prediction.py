@@ -21,7 +21,11 @@ _ROUNDING = 1e-7
 
 
 def modes_table(prediction: Prediction | PredictedChange) -> Table:
-    """Table of predicted natural frequencies (Hz) and damping ratios, before and after changes if there are any."""
+    """Table of predicted natural frequencies (Hz) and damping ratios (%), with 95 % intervals.
+
+    With changes of the structure it has values before and after them, and the change, instead of the intervals of
+    damping.
+    """
     parts = parts_of(prediction)
     header: tuple[str, ...]
     if isinstance(prediction, PredictedChange):
@@ -106,7 +110,7 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
 
 
 def heading(prediction: StudyPrediction) -> str:
-    """Heading in one line: the predicted quantities, the folder, loads and changes."""
+    """Heading in one line: the predicted quantities, the folder of the identification, loads and changes."""
     kinds = (
         (_frf_name(prediction.frf), prediction.frf),
         ("history", prediction.history),

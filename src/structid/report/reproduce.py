@@ -158,10 +158,10 @@ class TableText:
 
 
 def table_text(table: Table) -> TableText:
-    """A table of printed and computed values as text.
+    """Table of printed and computed values as text.
 
-    Each column becomes three, printed, computed and difference, or one if nothing is printed for it. A single row of many
-    integers is transposed.
+    Each column becomes three, printed, computed and difference, or one if nothing is printed for it. Computed values
+    have two more decimals, unless all are integers. A single row of more than three integers is transposed.
     """
     whole = bool(np.isfinite(table.printed).all()) and _is_whole(table.printed)
     if whole and len(table.rows) == 1 and len(table.columns) > 3:
@@ -212,7 +212,10 @@ class _Digits:
         return cls(decimals, max(significant - 1, 1), decimals <= 7 and max(map(abs, given)) < 1e7)
 
     def text(self, value: float, more: int = 0) -> str:
-        """Text of `value` in the format of the column, with `more` further digits."""
+        """Text of `value` in the format of the column, with `more` further digits.
+
+        With fixed decimals unless the column has none, the value is not finite, or it is 1e9 or more.
+        """
         if not np.isfinite(value) or not self.fixed or abs(value) >= 1e9:
             return number(value, self.significant + more)
         decimals = self.decimals + more
@@ -237,7 +240,10 @@ def _difference_text(value: float) -> str:
 
 
 def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:
-    """Figure of reproduced panels, at most two in a row; curves of one label have the same colour in all panels."""
+    """Figure of reproduced panels, at most two in a row; curves of one label have the same colour in all panels.
+
+    A label is that of the legend, which names a band.
+    """
     columns = min(2, len(panels))
     labels = list(dict.fromkeys(_label(curve) for panel in panels for curve in panel.curves))
     shown = tuple(_panel(panel, labels) for panel in panels)
@@ -270,7 +276,7 @@ def _x_axis(panel: Panel) -> plot.Axis:
 def _curve(curve: Curve, index: int, below: int, log: bool) -> plot.Curve:
     """Plot curve with colour, dash and symbol number `index`, drawn thinner the more curves lie `below` it.
 
-    `log` is True for a logarithmic axis, where values of 0 and less are gaps.
+    Symbols are drawn for up to 40 points. `log` is True for a logarithmic axis, where values of 0 and less are gaps.
     """
     colour = palette.CYCLE[index % len(palette.CYCLE)]
     pen = plot.Pen(colour, max(1.7, 4.4 - 1.4 * below), _DASHES[index // len(palette.CYCLE) % len(_DASHES)])
@@ -299,7 +305,10 @@ def _band(curve: Curve, index: int, log: bool, highest: float) -> plot.Area:
 
 
 def _label(curve: Curve) -> str:
-    """Legend text of a curve, with the words "5-95 % band" if it has a band."""
+    """Legend text of a curve, with the words "5-95 % band" if it has both ends of a band.
+
+    "median" is added before these words if the label does not have it.
+    """
     if curve.low is None or curve.high is None:
         return curve.label
     middle = "" if "median" in curve.label else "median, "

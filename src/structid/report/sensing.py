@@ -38,7 +38,10 @@ def _check_words(z: float) -> str:
 
 
 def _prior_words(sensed: SensedMotion) -> str:
-    """Words on size, correlation time and spectrum of the unknown forces before the record; "" where there are none."""
+    """Words on size (N), correlation time (s) and spectrum of the unknown forces before the record.
+
+    "" where there are no unknown forces.
+    """
     if not sensed.force_dofs:
         return ""
     size, time = number(sensed.prior_std, 3), number(sensed.correlation_time, 3)
@@ -99,7 +102,7 @@ def sensed_figure(sensed: SensedMotion) -> plot.Figure:
 
 
 def left_out_figure(sensed: SensedMotion) -> plot.Figure:
-    """Figure of sensors that were left out, one at a time: what they measured, and its 95 % band by what is sensed there."""
+    """Figure of sensors that were left out, one at a time: what they measured, and the 95 % band sensed there."""
     panels = []
     for sensor in sensed.left_out:
         y = plot.Axis(sensor.motion, QUANTITY_UNITS[sensor.motion][0])

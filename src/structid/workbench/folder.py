@@ -201,7 +201,10 @@ class OpenFolder:
         return files, True
 
     def files_in(self, folder: Path, most: int) -> list[Path]:
-        """Sorted paths of at most `most` ordinary files in `folder` and its subfolders; links and hidden files are left out."""
+        """Sorted paths of at most `most` ordinary files in `folder` and its subfolders; links and hidden files are left out.
+
+        Of more files those are taken that a walk from the top meets first.
+        """
         files: list[Path] = []
         for inner, folders, names in os.walk(folder):
             folders[:] = sorted(
@@ -374,10 +377,11 @@ def _is_printable(name: str) -> bool:
 
 
 def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, Any]]:
-    """Entry of a TOML study for the listing, in a list; [] if the TOML file is no study. A broken study has an entry too.
+    """Entry of a TOML study for the listing, in a list; [] if the TOML file has no section of a study.
 
-    `name` is its path in the folder, `size` is in bytes. Without `is_parsed`, or above 200 kB, the text is searched for section
-    headers and a title only.
+    An entry has ``path``, ``title`` (the file's name if there is none) and ``broken``, the error of a file that is no
+    TOML, else "". `name` is its path in the folder, `size` is in bytes. Without `is_parsed`, or above 200 kB, the text
+    is searched for section headers and a title only.
     """
     begin = read_start(path, _STUDY_BYTES)
     try:

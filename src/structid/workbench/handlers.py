@@ -155,7 +155,10 @@ def _static(name: str, folder: str = "") -> Response:
 
 
 async def _folder(bench: Workbench, _: Request) -> Response:
-    """Answer with the listing of the open folder, recent folders, reading options and runs."""
+    """Answer with the listing of the open folder, recent folders, reading options, version and runs.
+
+    Worker processes are started in the background.
+    """
     _later(bench.workers.warm())
     listing = await asyncio.to_thread(bench.opened.listing)
     recent = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
@@ -209,7 +212,11 @@ async def _line(bench: Workbench, request: Request) -> Response:
 
 
 async def _save(bench: Workbench, request: Request) -> Response:
-    """Save the text of a study and answer with its new content; a study that was changed in the meantime is not overwritten."""
+    """Save the text of a study and answer with its new content; a study that was changed in the meantime stays.
+
+    The body has ``study`` (path), ``text`` and ``digest``, that of the text before ("" for a new file). `ChangedError`
+    if that is not the file's.
+    """
     body = await request.json()
 
     def saved() -> Response:
@@ -220,7 +227,10 @@ async def _save(bench: Workbench, request: Request) -> Response:
 
 
 async def _edit(bench: Workbench, request: Request) -> Response:
-    """Apply the requested edits to a study, save it and answer with its new content; status 409 if it was changed meanwhile."""
+    """Apply edits to a study, save it and answer with its new content; `ChangedError` if it was changed meanwhile.
+
+    The body has ``study`` (path), ``edits`` and ``digest``, that of the text that the page has.
+    """
     body = await request.json()
 
     def saved() -> Response:
@@ -251,7 +261,10 @@ def _of_study(name: str, **numbers: int) -> Handler:
 
 
 def _of_body(name: str, *keys: str) -> Handler:
-    """Handler that calls the worker function `name` with the entries `keys` of the request's JSON body; nothing is cached."""
+    """Handler that calls the worker function `name` with the entries `keys` of the request's JSON body.
+
+    All entries must be there. Nothing is cached.
+    """
 
     async def asked(bench: Workbench, request: Request) -> Response:
         body = await request.json()
@@ -270,9 +283,10 @@ async def _facts(bench: Workbench, request: Request) -> Response:
 
 
 async def _lines(bench: Workbench, request: Request) -> Response:
-    """Answer with the first 12 lines of a text file, each cut after 400 characters.
+    """Answer with ``lines``, the first 12 lines of a text file, each cut after 400 characters.
 
-    The body names the ``record`` and may name the ``encoding``, UTF-8 by default.
+    Of the file 20 kB are read. The body names the ``record`` and may name the ``encoding``, UTF-8 by default; signs
+    that it does not have are replaced.
     """
     body = await request.json()
     path, encoding = bench.opened.inside(body["record"]), str(body.get("encoding") or "utf-8")
@@ -309,10 +323,10 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
 
 async def _histories(bench: Workbench, request: Request) -> Response:
-    """Answer with minimum and maximum of time histories in bins, with the keys of `histories`.
+    """Answer with minimum and maximum of time histories in bins, by the worker function ``histories``.
 
-    If the answer came from short pieces of a long record, the record's overview is written in the background, unless the folder
-    cannot be written.
+    The body has ``record``, ``options``, ``first``, ``last`` and ``points``. If the answer came from short pieces of a
+    long record, the record's overview is written in the background, unless the folder cannot be written.
     """
     body = await request.json()
     arguments = {key: body[key] for key in ("record", "options", "first", "last", "points")}
@@ -330,9 +344,11 @@ def _later(work: Any) -> None:
 
 
 async def _upload(bench: Workbench, request: Request) -> Response:
-    """Store an uploaded file in the open folder.
+    """Store the body of the request as a file in the open folder, and answer with its ``path``.
 
-    Refused if it is empty, is larger than 4 GB, or exists and is not to be replaced.
+    The query has ``name``, and ``replace=yes`` if the file may exist. Raises `InputError` if it is empty, is larger
+    than 4 GB, arrives already, or exists and is not to be replaced, `FileError` if it does not arrive whole; nothing is
+    kept then.
     """
     name = upload_name(request.query_params["name"])
     path, is_replaced = bench.opened.inside(name), request.query_params.get("replace") == "yes"
@@ -405,7 +421,10 @@ async def _run(bench: Workbench, request: Request) -> Response:
 
 
 async def _act(bench: Workbench, request: Request) -> Response:
-    """Stop, pause or continue a run, by the action in the path, and answer with its summary."""
+    """Stop, pause or continue a run, by ``id`` and ``action`` in the path, and answer with its summary.
+
+    `InputError` for another action or a run that is not there.
+    """
     run, action = bench.runs[request.path_params["id"]], request.path_params["action"]
     if action == "stop":
         run.stop()
@@ -428,7 +447,10 @@ class Watcher:
         self.n_heard = 0
 
     async def _watch(self) -> None:
-        """Poll folder and runs every 0.5 s until cancelled, and wake all listeners when their state has changed."""
+        """Poll folder and runs every 0.5 s until cancelled, and wake all listeners when their state has changed.
+
+        The new state is stored as JSON text, and changes are counted.
+        """
         while True:
             state = json.dumps(await asyncio.to_thread(self._look))
             if state != self._state:

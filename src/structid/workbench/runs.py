@@ -91,7 +91,9 @@ class Run:
     def state(self) -> str:
         """State of the run: "queued", "running", "paused", "stopping", or how it ended.
 
-        Ends are "done", "undetermined", "unusable", "wrong_model" and "stopped" by exit code, "killed" and "disk_full".
+        Ends by exit code are "done" (0), "undetermined" (1), "unusable" (2), "wrong_model" (3) and "stopped" (130);
+        "disk_full" if the disk was full and the code is not 0; "killed" for any other code, or a process that is gone
+        without one.
         """
         ended = self._json("ended.json")
         if ended:

@@ -76,9 +76,10 @@ class ElementStyle:
 
 
 def look(shading: Shading | None, element: str, index: int) -> ElementStyle:
-    """Colour and style of one element, the row `index` of the element set `element`; grey if `shading` has no value for it.
+    """Colour and style of one element: the one of row `index` in the element set named `element`.
 
-    An identified change within its 95 % interval has the colour of 0; one that is not identified is marked as doubtful.
+    Grey if `shading` is None or has no value for it. An identified change within its 95 % interval has the colour of 0;
+    one that is not identified is marked as doubtful.
     """
     change = shading.changes.get((element, index)) if shading else None
     if shading is None or change is None:
@@ -162,7 +163,10 @@ def shadings(identification: Identification) -> tuple[Shading, ...]:
 
 
 def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
-    """Shadings of relative parameter changes, one for each kind of property in `KINDS` that has parameters."""
+    """Shadings of relative parameter changes, one for each kind of property in `KINDS` that has parameters.
+
+    They are in the order of `KINDS`. The colour scale ends at a round value that holds the significant changes.
+    """
     shadings = []
     for name, kinds in KINDS.items():
         changes = _changes(answer, kinds)

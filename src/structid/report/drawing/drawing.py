@@ -59,6 +59,7 @@ def structure_picture(
     """Picture of a structure with arrows for sensors (`outputs`) and loads (`inputs`), supports, axes and labels.
 
     With `is_field`, which is for cells that show a field, nodes are hidden and nodes and element sets have no names.
+    Labels that would cover another are left out, and a note counts them.
     """
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
@@ -121,7 +122,7 @@ def _text_traces(words: Sequence[tuple[str, FloatArray, str]], size: float) -> l
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
     """Node positions on paper and symbol sizes for drawing a structure, and notes for the reader.
 
-    Nodes that are all at one place are drawn in a row.
+    Nodes that all have the same position are drawn in a row, with a note.
     """
     axes = paper_axes(structure)
     table = np.array(list(structure.nodes.values()))
@@ -165,7 +166,8 @@ def _is_mass(element: ElementSet) -> TypeGuard[PointMass]:
 def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     """Marks of all elements in drawing order, and wall lines (n, 2) of connectors to the ground.
 
-    Cell faces come first, then connectors, lines, and symbols of masses, which cover the lines.
+    Cell faces come first, then connectors, lines, and symbols of masses, which cover the lines. Walls have NaN between
+    them.
     """
     sets = frame.structure.elements
     connectors = [(e, k) for e in sets if _is_connector(e) for k in range(len(e.nodes))]
@@ -275,9 +277,10 @@ def _connector(
 
 
 def _ground_direction(frame: _Frame, dof: Dof, obstacles: _Obstacles) -> tuple[FloatArray, bool]:
-    """Unit direction on paper from a node to the ground for its connector, and True if an element lies that way.
+    """Unit direction (2,) on paper from a node to the ground for its connector, and True if an element lies there.
 
-    It is opposite to the positive axis of `dof`, unless only that side is occupied. The direction is (2,).
+    It is opposite to the positive axis of `dof`, unless an element lies on that side alone: within about 26 degrees of
+    the direction.
     """
     along = symbols.unit(frame.direction(dof))
     ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in obstacles.neighbours.get(dof.node, ())]
@@ -292,8 +295,9 @@ def _area(
 ) -> tuple[FloatArray, FloatArray]:
     """Outline (n, 2) and centre (2,) of an element's symbol: disc for a mass, ring for rotary inertia, square for others.
 
-    `index` is the element's row in its set, `heaviest` the largest mass (kg); `taken` counts symbols at the same place, and is
-    increased.
+    `index` is the element's row in its set. The area of a disc is in proportion to its mass, down to a limit, with
+    `heaviest` the largest mass (kg). `taken` counts symbols other than discs at the same position, which are drawn
+    beside each other or as wider rings, and is increased.
     """
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if _is_mass(element):
@@ -352,7 +356,7 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
 
 
 def _links(frame: _Frame) -> list[FloatArray]:
-    """Line segments (2, 2) between the nodes of every rigid link or constraint, from one node to each of the others.
+    """Line segments (2, 2) from one node to every other node of each rigid link or constraint, in drawing units.
 
     They start at the main node of a link, and at the dependent node of a constraint.
     """
@@ -376,7 +380,7 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
 def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
     """Labels of nodes below them, and of element sets beside one of their `marks`.
 
-    Nodes in `busy` are labelled, and all `shown` ones if the structure has at most `_MANY_NODES`; both hold node numbers.
+    Nodes in `busy` are labelled, and all `shown` ones if the structure has at most 40 nodes; both hold node labels.
     """
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])

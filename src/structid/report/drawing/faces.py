@@ -119,9 +119,10 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 
 
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
-    """Nodes of cells that faces hide from view; if nodes times faces exceed 20 million, all nodes that only cells have.
+    """Nodes of cells that faces hide from view, by label; empty for structures in a plane or without faces.
 
-    Empty for structures in a plane. `points` are node positions (2,) on paper, `marks` those of `cell_faces`.
+    A node of another element is never hidden. If nodes times faces exceed 20 million, all nodes that only cells have
+    are hidden. `points` are node positions (2,) on paper, `marks` those of `cell_faces`.
     """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:
@@ -156,7 +157,8 @@ def _is_inside(corners: FloatArray, points: FloatArray) -> np.ndarray:
 def labelled_marks(marks: Sequence[Mark]) -> list[Mark]:
     """Mark of each element set at which its name is written: the nearest face whose centre no other set covers.
 
-    The last mark of the set if there is no such face, or above `_MOST_LABELLED` marks.
+    The last mark of the set if there is no such face, or if there are more than 1000 `marks`. These are in drawing
+    order, farthest first.
     """
     last = {mark.element: mark for mark in marks}
     open_: dict[str, Mark] = {}

@@ -32,7 +32,7 @@ def joined(paths: Iterable[FloatArray]) -> FloatArray:
 
 
 def sampled(path: FloatArray, step: float) -> FloatArray:
-    """Points along the lines of `path` (n, 2), NaN rows left out, at most `step` apart; no more than 401 a line."""
+    """Points (m, 2) along the lines of `path` (n, 2), NaN rows left out, at most `step` apart or 401 for a line."""
     start, end = path[:-1], path[1:]
     drawn = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     parts = [path[np.isfinite(path).all(axis=1)]]
@@ -59,9 +59,9 @@ def _placed(local: ArrayLike, start: FloatArray, along: FloatArray) -> FloatArra
 
 
 def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """Path of the symbol of a "spring", "dashpot" or "friction" contact (`kind`) from `start` to `end`, both (2,).
+    """Path (n, 2) of the symbol of a spring, dashpot or friction contact from `start` to `end`, both (2,).
 
-    `height` is half its height; NaN rows lift the pen.
+    `kind` is "spring", "dashpot" or "friction"; `height` is half the symbol's height; NaN rows lift the pen.
     """
     length = float(np.hypot(*(end - start)))
     size = min((6 if kind == "spring" else 4) * height, 0.6 * length)

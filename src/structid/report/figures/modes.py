@@ -41,7 +41,11 @@ class ModeRows:
 
 
 def mode_rows(fit: Identification | RecordFit) -> ModeRows:
-    """Frequencies (Hz), damping ratios and MAC of the modes of initial and identified model that have the same number."""
+    """Frequencies (Hz), damping ratios and MAC of the modes of initial and identified model, paired by their number.
+
+    The shorter of the two lists counts. The MAC is of shapes at the degrees of freedom of the model, NaN for a shape of
+    zeros.
+    """
     before, after = fit.modes_initial, fit.modes
     n = min(len(before.frequency), len(after.frequency))
     x, y = before.mode_shapes[:, :n], after.mode_shapes[:, :n]

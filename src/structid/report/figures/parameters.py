@@ -22,7 +22,8 @@ _N_HIGHLIGHTED = 7
 def parameters_figure(identification: Identification) -> plot.Figure:
     """Figure of all parameters with intervals and priors, divided by their initial values.
 
-    The axis fits the identified parameters; values beyond it are drawn as triangles at its end.
+    The axis fits the identified parameters; values beyond it are drawn as triangles at its end. A parameter whose
+    initial value is 0 has a row, but no mark.
     """
     estimate = identification.estimate
     scale = np.where(estimate.initial != 0, estimate.initial, np.nan)
@@ -84,8 +85,10 @@ def _ratio_limits(
 ) -> tuple[float, float, bool]:
     """Axis limits (low, high) that hold identified parameters, intervals and priors, and True for a logarithmic axis.
 
-    All are divided by initial values: identified values `ratio` (n_params,), ends of the 95 % intervals `interval` and of the
-    priors `prior`, (n_params, 2) each. The mask `is_identified` (n_params,) is True for parameters that the data determine.
+    All are divided by initial values: identified values `ratio` (n_params,), ends of the 95 % intervals `interval` and
+    of the priors `prior`, (n_params, 2) each. The mask `is_identified` (n_params,) is True for parameters that the data
+    determine. The axis is logarithmic if all of these, 1 included, are positive and spread over more than a factor of
+    4. Others count if they are near.
     """
     ends = np.concatenate([[1.0], ratio[is_identified], interval[is_identified].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]

@@ -53,7 +53,7 @@ def frf_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 def history_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted time histories with 95 % bands, one sensor at a time; of a change, before and after it.
 
-    A history of more than `MOST_POINTS` samples is drawn by minimum and maximum of bins.
+    A history of more than 3000 samples is drawn by minimum and maximum of bins, and the caption says so.
     """
     parts = _shown(prediction)
     first = next(iter(parts.values()))
@@ -100,7 +100,10 @@ def spectrum_figure(prediction: Prediction | PredictedChange) -> plot.Figure:
 
 
 def one_at_a_time(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
-    """Figure with `caption` of one panel, or of several that the reader selects from a list with the heading `label`."""
+    """Figure with `caption` of one panel, or of several that the reader selects from a list with the heading `label`.
+
+    At most nine are shown as small ones at first.
+    """
     if len(panels) == 1:
         return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
     shown = tuple(range(min(len(panels), _MOST_PANELS)))

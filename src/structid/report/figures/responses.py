@@ -72,7 +72,8 @@ def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
 def responses_figure(fit: RecordFit) -> plot.Figure:
     """Figure of magnitude, phase and coherence of measured and model FRFs, one channel at a time.
 
-    Models are drawn at the lines that were used or judged. Above `MOST_VALUES` values the lines are thinned.
+    Models are drawn at the lines that were used or judged. Above 250 000 values only every k-th line is drawn, and the
+    caption says so. The channels shown at first are those of largest median error.
     """
     whole, found, shown = fit.measured, channels(fit), worst_channels(fit)
     stride = max(1, -(-whole.values.size // MOST_VALUES))
@@ -109,7 +110,10 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
 
 
 def extremes_figure(fit: RecordFit) -> plot.Figure:
-    """Figure of the FRF magnitudes of the channels with largest and smallest median error; one panel if they are the same."""
+    """Figure of the FRF magnitudes of the channels with largest and smallest median error.
+
+    One panel if they are the same channel.
+    """
     whole = responses_figure(fit)
     errors = np.array([channel.median_error for channel in channels(fit)])
     chosen = dict.fromkeys((int(np.argmax(errors)), int(np.argmin(errors))))
@@ -125,8 +129,8 @@ def extremes_figure(fit: RecordFit) -> plot.Figure:
 def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: plot.Axis) -> list[plot.Strip]:
     """Plot strips of magnitude and phase (degrees) of one channel.
 
-    `values` (3, n_lines) are measured, initial and fitted FRF; `used` (n_lines,) is True for the lines used in the fit.
-    `frequency` (n_lines,) is in Hz; `y` is the axis of magnitudes.
+    `values` (3, n_lines) are measured, initial and fitted FRF, NaN where a model is not drawn; `used` (n_lines,) is
+    True for the lines used in the fit. `frequency` (n_lines,) is in Hz; `y` is the axis of magnitudes.
     """
     sizes, angles = np.where(np.abs(values) > 0, np.abs(values), np.nan), np.degrees(np.angle(values))
     turns = np.abs(np.diff(angles[1:], axis=1, prepend=angles[1:, :1])) > 270
@@ -171,7 +175,10 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
-    """Figure of the relative error (%) of every channel: median and 90 % quantile when fitted, median of the initial model."""
+    """Figure of the relative error (%) of every channel: median and 90 % quantile when fitted, median of the initial model.
+
+    The axis is logarithmic; medians of 0 are drawn at its lower end.
+    """
     errors = channels(fit)
     labels, positions = [c.label for c in errors], np.arange(len(errors), dtype=float)
     rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in errors])
@@ -204,7 +211,10 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
 
 
 def residual_map_figure(fit: RecordFit) -> plot.Figure:
-    """Heat map of the whitened residual's magnitude over frequency and channel; empty cells at unused lines."""
+    """Heat map of the whitened residual's magnitude over frequency and channel; empty cells at unused lines.
+
+    Values below 0.1 have the colour of 0.1. Above 250 000 values only every k-th line is drawn.
+    """
     labels = tuple(channel.label for channel in channels(fit))
     frequency, values = whitened(fit)
     stride = max(1, -(-values.size // MOST_VALUES))
@@ -238,7 +248,10 @@ def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
 
 
 def line_edges(frequency: FloatArray) -> FloatArray:
-    """Cell edges (n_lines + 1,) for a map over the lines `frequency` (Hz): midpoints, and one edge beyond each end."""
+    """Cell edges (n_lines + 1,) for a map over the lines `frequency` (Hz): midpoints, and one edge beyond each end.
+
+    A single line gets a cell of 1 Hz.
+    """
     if len(frequency) == 1:
         return np.array([frequency[0] - 0.5, frequency[0] + 0.5])
     middle = 0.5 * (frequency[1:] + frequency[:-1])

@@ -55,9 +55,9 @@ class Scene:
 
 
 def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
-    """Points, motions and axes for drawing mode shapes, each turned to be as real as possible.
+    """Points, motions and axes for drawing mode shapes, each turned in phase to be as real as possible.
 
-    Without `geometry` the sensors are drawn in a row. Unknown entries of shapes are drawn as 0.
+    Without `geometry` (None) the sensors are drawn in a row. Unknown entries of shapes are drawn as 0, with a note.
     """
     shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
@@ -126,9 +126,10 @@ def _scene_in_space(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: G
 
 
 def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
-    """Axes in m, one for each of `used` (0 for X, 1 for Y, 2 for Z), that hold every mode at every phase with equal margins.
+    """Axes in m, one for each axis in `used`, that hold every mode at every phase with equal margins.
 
-    `positions` is (n_points, n_axes), `motion` (n_modes, n_points, n_axes) complex.
+    `used` are indices, 0 for X, 1 for Y, 2 for Z, in the order of the last axes of `positions` (n_points, n_axes) and
+    of the complex `motion` (n_modes, n_points, n_axes).
     """
     reach = np.abs(motion).max(axis=0)
     low, high = (positions - reach).min(axis=0), (positions + reach).max(axis=0)
@@ -138,9 +139,10 @@ def _equal_axes(positions: FloatArray, motion: ComplexArray, used: list[int]) ->
 
 
 def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
-    """Chains of point indices by name, -1 between lines: first those between two sensors, then all others.
+    """Chains of point indices by name, with -1 between lines: first those between two sensors, then all others.
 
-    Points without lines are in the chain of their kind. `nodes` are the node labels, `seen` the indices of those with a sensor.
+    Each result has one chain, or none if there is nothing to draw. Points without lines are in the chain of their kind.
+    `nodes` are the node labels in the order of the points, `seen` the indices of those with a sensor.
     """
     chains: dict[bool, list[int]] = {True: [], False: []}
     touched = set()
@@ -193,7 +195,10 @@ def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
 
 
 def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
-    """Plot curve of the ellipses that points follow in a cycle of the mode with index `mode`; None if all are nearly flat."""
+    """Plot curve of the ellipses that points follow in a cycle of the mode of index `mode` (from 0).
+
+    None if nothing moves or all ellipses are nearly flat.
+    """
     motion = scene.motion[mode]
     moving = np.flatnonzero(np.abs(motion).max(axis=1) > 0)
     padded = np.zeros((len(motion), 3), dtype=complex)

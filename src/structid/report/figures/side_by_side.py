@@ -33,7 +33,7 @@ _MEASURED, _MODEL = palette.MEASURED, palette.FITTED
 def side_by_side_figure(correlation: ModesCorrelation) -> plot.Figure | None:
     """Animated figure of measured mode shapes beside their model counterparts; None if no pair has a known shape.
 
-    Without node positions the sensors are drawn in a row.
+    At most 24 pairs are drawn. Without node positions the sensors are drawn in a row.
     """
     pairs = correlation.pairing.paired[correlation.measured.known[:, correlation.pairing.paired].any(axis=0)]
     chosen = pairs[: plot.MOST_PANELS]
@@ -92,7 +92,10 @@ class _Scene:
 
 
 def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
-    """Animated figure of a model's mode shapes; None if there are no modes, or nodes have no positions or cannot move."""
+    """Animated figure of the first 24 mode shapes of a model at most, at equal scales of the largest motion.
+
+    None if there are no modes, or nodes all have the same position or cannot move.
+    """
     scene = _make_scene(structure, ())
     n_modes = min(len(modes.frequency), plot.MOST_PANELS)
     if scene is None or n_modes == 0:
@@ -122,7 +125,8 @@ def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | Non
 def _make_scene(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
     """Geometry for drawing shapes of a structure and of the sensors `channels` in space.
 
-    None if all nodes have the same coordinates or no node has a free translation.
+    Measured and model shape stand side by side along the axis of least extent. None if all nodes have the same
+    coordinates or no node has a free translation.
     """
     labels = tuple(structure.nodes)
     rest = np.zeros((len(labels), 3))
@@ -188,7 +192,8 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
 def _panels(correlation: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
     """Plot panels, one for each mode pair, with measured and model shape side by side; all have the same axes.
 
-    `chosen` (n_chosen,) are the indices of the measured modes.
+    `chosen` (n_chosen,) are the indices of the measured modes. A measured shape is drawn as expanded to the structure,
+    or as the model's if it was not, with dots at the sensors as measured. Each pair has its scale.
     """
     structure = correlation.structure
     like = correlation.model.mode_shapes @ correlation.coefficients[:, chosen]

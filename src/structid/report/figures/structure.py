@@ -71,8 +71,8 @@ def _traces(picture: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
 def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
     """Yield plot traces that draw all elements, one for each appearance: cell faces, then lines, then other areas.
 
-    Faces keep their order from far to near; with more than `_MOST_RUNS` changes of colour, only by 12 slices. None for `shade`
-    draws all elements in grey.
+    `marks` are in drawing order; faces keep it, from far to near, but with more than 300 changes of colour only by 12
+    slices. None for `shade` draws all elements in grey.
     """
     looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
     changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
@@ -98,7 +98,10 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
 
 
 def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
-    """Boundary of the outlined faces as a path (n, 2) with NaN between lines: sides that belong to one outlined face only."""
+    """Boundary of the faces outlined in `shade` as a path (n, 2) with NaN between lines.
+
+    It has the sides that belong to one outlined face only; (0, 2) if no face is outlined.
+    """
     lines_of_side: dict[tuple[int, int], list[FloatArray]] = {}
     for mark in marks:
         if (mark.element, mark.index) in shade.outlined:

@@ -37,9 +37,10 @@ _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 
 
 def pole_kinds(result: ModesResult) -> list[np.ndarray]:
-    """Kind of each pole, one integer array for each model order of the sweep.
+    """Kind of each pole, one integer array (n_poles,) for each model order of the sweep.
 
-    Kinds are `OUTSIDE` (the criteria), `ALONE`, `CLUSTERED` and `CHOSEN`, the numbers 0 to 3. Each is (n_poles,).
+    Kinds are 0 for a pole outside the criteria, 1 for one alone, 2 for one of a cluster and 3 for one chosen as a mode.
+    Without clusters the pole nearest to each mode in frequency and damping is the chosen one.
     """
     found, modes = result.identification, result.modes
     kinds = [np.full(len(poles.poles), OUTSIDE) for poles in found.sweep]
@@ -58,7 +59,10 @@ def pole_kinds(result: ModesResult) -> list[np.ndarray]:
 
 
 def stabilization_figure(result: ModesResult) -> plot.Figure | None:
-    """Stabilization diagram: poles by frequency and model order over the first singular value; None without model orders."""
+    """Stabilization diagram: poles by frequency and model order over the first singular value of the spectra.
+
+    Kinds of poles have different marks, and modes a line. None without model orders.
+    """
     sweep = result.identification.sweep
     if not sweep:
         return None
@@ -88,7 +92,11 @@ def stabilization_figure(result: ModesResult) -> plot.Figure | None:
 
 
 def _view(result: ModesResult) -> plot.Limits:
-    """Frequency limits (low, high) in Hz of the range shown first: about the band, or up to 1.5 times the highest mode."""
+    """Frequency limits (low, high) in Hz of the range shown first: about the band, or up to 1.5 times the highest mode.
+
+    A band is widened by 5 %; without one the range begins at 0, or at the first line of FRFs that begin near the lowest
+    mode.
+    """
     lines, modes = result.spectra.frequency, result.modes.frequency
     high = min(float(lines[-1]), 1.5 * float(modes.max(initial=0.0)) or float(lines[-1]))
     low = 0.0
@@ -132,7 +140,8 @@ def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, .
 def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
     """Frequencies (n,) in Hz and the first `n_values` singular values (n, n_values) of the spectra.
 
-    Above `_MOST_LINES` lines, neighbouring lines are grouped: their mean frequency and largest values.
+    Above 2400 lines, neighbouring lines are grouped: their mean frequency and largest values; lines of an incomplete
+    last group are dropped.
     """
     frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
     step = -(-len(frequency) // _MOST_LINES)
@@ -144,7 +153,11 @@ def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, Floa
 
 
 def _spectrum_limits(result: ModesResult) -> plot.Limits:
-    """Limits (low, high) of the logarithmic axis for the singular values in the range shown first."""
+    """Limits (low, high) of the logarithmic axis for the first three singular values in the range shown first.
+
+    They hold all positive values down to 1e-9 of the largest; lines below a quarter of the first frequency do not
+    count, as drift may be large there. (0.1, 10) without positive values.
+    """
     low, high = _view(result)
     if low == 0 and result.modes.n_modes:  # drift stands above every mode, and would set the scale
         low = 0.25 * float(result.modes.frequency[0])

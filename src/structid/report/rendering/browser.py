@@ -58,7 +58,7 @@ class Arrays:
     places: dict[bytes, int] = field(default_factory=dict)
 
     def place(self, values: FloatArray) -> int:
-        """Row number of `values` (n,) among the stored arrays; they are added if no equal array is stored."""
+        """Row number, from 0, of `values` (n,) among the stored arrays; they are added if no equal array is stored."""
         given = np.ascontiguousarray(values, dtype=np.float64)
         index = self.places.setdefault(given.tobytes(), len(self.rows))
         if index == len(self.rows):
@@ -144,7 +144,10 @@ def clean(text: str) -> str:
 
 
 def _axis(axis: Axis, is_bare: bool) -> Described:
-    """Plotly description of an axis with its title, scale, limits and ticks; hidden if `is_bare`."""
+    """Plotly description of an axis with its title, scale, limits and ticks; hidden if `is_bare`.
+
+    Limits of a logarithmic axis are given as powers of ten.
+    """
     described: Described = {"title": {"text": clean(axis.title)}, "visible": not is_bare, "showgrid": axis.grid}
     ends = axis.limits
     if axis.log:
@@ -161,7 +164,7 @@ def _axis(axis: Axis, is_bare: bool) -> Described:
 
 
 def _ticks(ticks: Ticks) -> Described:
-    """Plotly description of `ticks`, pairs of a place and a text; {} for automatic ticks."""
+    """Plotly description of `ticks`, pairs of a value on the axis and a text; {} for automatic ticks."""
     if not ticks:
         return {}
     texts = [clean(text) for _, text in ticks]
@@ -187,7 +190,10 @@ def _colours(scale: ColourScale) -> Described:
 
 
 def _space(*axes: Axis) -> Described:
-    """Plotly description of the axes x, y and z at equal scale, seen from `VIEW`."""
+    """Plotly description of the axes x, y and z, in this order, at equal scale, seen from the direction `VIEW`.
+
+    An axis without limits counts as 0 to 1.
+    """
     turn, tilt = np.radians(VIEW)
     eye = 1.8 * np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
     spans = np.ptp([axis.limits or (0.0, 1.0) for axis in axes], axis=1)

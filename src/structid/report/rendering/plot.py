@@ -330,9 +330,9 @@ def matrix_panel(
 ) -> Panel:
     """Heat map panel of a matrix (n_rows, n_columns) with a name for every row and column, first row on top.
 
-    `rows` and `columns` are the names, `label` and `across` the titles of the axes of rows and columns. Without `columns` the
-    matrix is square, with the names and title of the rows on both axes. Values are written into the cells, to two decimals, if
-    there are at most `MOST_WRITTEN` rows and columns.
+    `rows` and `columns` are the names, `label` and `across` the titles of the axes of rows and columns. Without
+    `columns` the matrix is square, with the names and title of the rows on both axes. Values are written into the
+    cells, to two decimals, if there are at most 16 rows and columns.
     """
     names = tuple(columns) or tuple(rows)
     n, m = len(rows), len(names)
@@ -399,7 +399,10 @@ def decade_ticks(low: float, high: float) -> Ticks:
 
 
 def decade_limits(values: ArrayLike) -> Limits:
-    """Limits of a logarithmic axis that hold the positive `values` and span at least a decade; 0 and NaN are ignored."""
+    """Limits of a logarithmic axis that hold the positive `values`, with a margin, and span at least 1.2 decades.
+
+    Values that are 0, negative or not finite do not count. Without any other it is centred at 1.
+    """
     given = np.ravel(values)
     powers = np.log10(given[np.isfinite(given) & (given > 0)])
     low, high = (float(powers.min()), float(powers.max())) if powers.size else (0.0, 0.0)

@@ -77,7 +77,11 @@ _NONE = Pen("none", 0.0)
 
 
 def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
-    """Write a PNG file for each picture of `figures` into `folder`, created if missing; see `pictures` for the names."""
+    """Write a PNG file for each picture of `figures` into `folder`, created if missing.
+
+    Figures are by name, which is the name of the file; a figure whose panels have several strips gives one file for
+    each strip, with the name of the strip appended.
+    """
     make_folder(folder)
     for name, figure in pictures(figures).items():
         with atomic_write(folder / f"{name}.png") as temporary, matplotlib.rc_context(STYLE):
@@ -110,7 +114,8 @@ class NotebookPicture(Picture):
 def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Picture:
     """Matplotlib picture of a figure with all strips one above the other.
 
-    `axes` are Matplotlib axes to draw on, one for each strip; by default a new picture is made.
+    `axes` are Matplotlib axes to draw on, one for each strip; strips without an axis are left out. By default a new
+    picture is made.
 
     Raises
     ------
@@ -154,8 +159,8 @@ def _whole_panel(
 ) -> None:
     """Draw a panel of one strip on `axes`, with scales, titles and colour bar.
 
-    `named` says if the x and the y axis get a title. Legend entries are added to `handles`; `width` is that of the axes in
-    pixels.
+    `named` says if the x and the y axis, in this order, get a title. Legend entries are added to `handles`, by label;
+    `width` is that of the axes in pixels.
     """
     _panel(axes, panel, handles)
     _scale(axes, "x", panel.x, width, named[0])

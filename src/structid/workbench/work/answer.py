@@ -121,10 +121,10 @@ def _largest_first(changes: Iterable[Change]) -> list[str]:
 
 
 def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
-    """Measured, fitted and initial FRF magnitudes of every channel of the first record, those with the largest misfit first.
+    """Measured, fitted and initial FRF magnitudes of every channel of the first record, largest misfit first.
 
     ``frequency`` (Hz), and ``channels`` with ``name``, ``quantity``, ``unit``, median relative ``error``, ``measured``,
-    ``fitted`` and ``initial``; arrays are packed and thinned to about `_MOST_VALUES` values. If `folder` holds no FRFs,
+    ``fitted`` and ``initial``; arrays are packed and thinned to about 400 000 values. If `folder` holds no FRFs,
     ``channels`` is empty, and there is no ``frequency``.
 
     Raises
@@ -167,10 +167,11 @@ def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
 
 
 def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, StoredEntry]:
-    """FRF magnitudes of a model at its start values, at the lines of its record, thinned to about `_MOST_LINES` lines.
+    """FRF magnitudes of a model at its start values, at the lines of its record, thinned to 4000 lines at most.
 
-    ``frequency`` (Hz), and ``channels`` with ``name`` and ``magnitude``. If the record has no FRFs or the responses are
-    not finite, ``channels`` is empty, and there is no ``frequency``.
+    ``frequency`` (Hz), and ``channels`` with ``name`` and ``magnitude``, packed. Histories count as averaged FRFs if
+    the set-up gives any. If the record has no FRFs or the responses are not finite, ``channels`` is empty, and there is
+    no ``frequency``.
     """
     problem = setup.shown_problem(options, problem.channels) or problem
     if not isinstance(problem, FrfProblem):

@@ -359,7 +359,10 @@ def _solver(opened: OpenFolder, study: str) -> StoredEntry:
 
 
 def _line(opened: OpenFolder, study: str) -> StoredEntry:
-    """Try to read a study or plan without running it: {} if that succeeds, else an `InputError` with file and line."""
+    """Try to read a study or plan without running it: {} if that succeeds, else an `InputError` with file and line.
+
+    A file with ``[record]`` counts as a study, any other as a plan.
+    """
     from structid.study.schema.plan import load_plan
     from structid.study.schema.section import read_root
     from structid.study.schema.study import load_study

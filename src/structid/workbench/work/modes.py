@@ -41,13 +41,16 @@ _MOST_LINES = 3000
 def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, StoredEntry]:
     """Modes of a record with all poles of the stabilization diagram and the spectrum, packed for the page.
 
-    `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz), damping ratio, model order, kind and real
-    shape of the poles of all orders; ``spectrum`` is thinned to about `_MOST_LINES` lines.
+    `read` says how the file is read; `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz),
+    damping ratio, model order, kind (see `pole_kinds`) and real shape of the poles of all orders; ``spectrum`` has
+    every k-th line, at most about 6000.
 
     Raises
     ------
-    NoModesError, InputError
-        As `modes_of_file`.
+    NoModesError
+        If no mode is found.
+    InputError
+        If the file or the options cannot be used.
     """
     result = modes_of_file(path, ModesOptions(band=None if band is None else (band[0], band[1])), read)
     sweep = result.identification.sweep
@@ -161,7 +164,8 @@ def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
     """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
 
-    ``frequency`` is in Hz, ``damping`` holds ratios, ``shapes`` a row for each mode, ``channels`` names.
+    ``frequency`` is in Hz, ``damping`` holds ratios, ``shapes`` a row of real entries for each mode, ``channels``
+    names.
 
     Raises
     ------

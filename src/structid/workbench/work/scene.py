@@ -133,8 +133,8 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
     """Lists of node labels around elements of a set, not closed: one for each line or area, one for each face of a solid.
 
-    Only the first `_MOST_MARKED` of `rows` (n,), the elements, are used. Nodes in the middle of sides of areas and solids are
-    left out.
+    `rows` (n,) are the rows of the elements in the set, of which the first 4000 are used. Nodes in the middle of sides
+    of areas and solids are left out.
     """
     outlines: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:

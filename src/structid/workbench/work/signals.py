@@ -37,8 +37,8 @@ _CHECKED_BYTES = 200_000_000
 def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
     """Kind, channels, units and quality findings of the data file at `path`, as read with `options`.
 
-    ``kind`` is "modes", "time histories", or a kind of FRF; the other keys depend on it. Signals are checked only if they are
-    in memory and smaller than 200 MB.
+    ``kind`` is "modes", "time histories", or a kind of FRF; the other keys depend on it. Modes are not read with
+    `options`. Signals are checked only if they are in memory and smaller than 200 MB; else ``findings`` is empty.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _segment(n_times: int) -> int:
 def _open_record(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
     """Record in the file at `path`; time records in NPY or HDF5 files above 100 MB are opened, not read into memory.
 
-    Raises `FileError` if the file is missing.
+    A large file that holds no time histories is read. Raises `FileError` if the file is missing.
     """
     try:
         size = path.stat().st_size
@@ -188,8 +188,8 @@ def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tupl
 def _overview_bins(overview: FloatArray, begin: int, end: int, n_most: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Minimum and maximum (n_channels, n_bins) from a stored overview, and the first sample of each bin.
 
-    `overview` (2, n_channels, n) holds minimum and maximum of every `BIN` samples; samples `begin` to `end` are covered by at
-    most `n_most` bins.
+    `overview` (2, n_channels, n) holds minimum and maximum of every 256 samples; samples `begin` to `end` (exclusive)
+    are covered by at most `n_most` bins, each a whole number of these.
     """
     first, last = begin // BIN, -(-end // BIN)
     part = overview[:, :, first:last]
@@ -200,9 +200,10 @@ def _overview_bins(overview: FloatArray, begin: int, end: int, n_most: int) -> t
 
 
 def _sampled_bins(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Minimum and maximum (n_channels, n_pieces) of short pieces of a record, and the first sample of each piece.
+    """Minimum and maximum (n_channels, 1000) of short pieces of a record, and the first sample of each piece.
 
-    The pieces are evenly spread from sample `begin` to `end`, so that a long record need not be read whole.
+    The pieces of 32 samples are evenly spread from sample `begin` to `end` (exclusive), so that a long record need not
+    be read whole.
     """
     starts = np.linspace(begin, end - _SAMPLE, _SAMPLED).astype(int)
     parts = [next(record.chunks(at, at + _SAMPLE)) for at in starts.tolist()]
@@ -221,9 +222,10 @@ def overview_path(path: Path, options: ReadOptions, overviews: Path) -> Path:
 
 
 def write_overview(path: Path, options: ReadOptions, overviews: Path) -> None:
-    """Write minimum and maximum of every `BIN` samples of a time record to an NPY file in the folder `overviews`.
+    """Write minimum and maximum of every 256 samples of a time record to an NPY file in the folder `overviews`.
 
-    The array is (2, n_channels, n_bins), float32, at `overview_path`. Nothing is written for FRFs or if the file exists.
+    The array is (2, n_channels, n_bins), float32, at `overview_path`; the last bin may be shorter. `options` say how
+    the record is read. Nothing is written for FRFs or if the file exists.
     """
     record, target = _open_record(path, options), overview_path(path, options, overviews)
     if isinstance(record, FrfRecord) or target.exists():

@@ -63,8 +63,8 @@ class Workers:
     async def __call__(self, name: str, arguments: dict[str, Any], version: str = "") -> str:
         """JSON text that the worker function `name` answers to `arguments` (by name, without the folder).
 
-        With a `version`, which stands for the content of its input files, answers without error are cached; equal calls that
-        run at the same time are computed once.
+        Equal calls that run at the same time are computed once. With a `version`, which stands for the content of the
+        input files, answers without error are cached: the last 24, or 30 million characters.
         """
         key = (name, repr(sorted(arguments.items())), version)
         if version and key in self._answers:
@@ -83,7 +83,8 @@ class Workers:
     async def _called(self, name: str, arguments: dict[str, Any]) -> str:
         """JSON text that the worker function `name` answers to `arguments` (by name), computed in its process.
 
-        If the process is lost, an error as JSON; the next call starts a new process.
+        There is one process for functions that take long and one for all others. If the process is lost, an error as
+        JSON; the next call starts a new process.
         """
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
