@@ -64,7 +64,10 @@ class _OnCall(TyperGroup):
         self._loaded: set[str] = set()
 
     def get_command(self, ctx: Context, cmd_name: str) -> Command | None:
-        """Command called `cmd_name`, imported at its first use; None if there is none of this name."""
+        """Command called `cmd_name`, whose module is imported at its first use; None if there is none of this name.
+
+        `ctx` is not used.
+        """
         if cmd_name in self.commands and cmd_name not in self._loaded:
             alone = _typer(add_completion=False)
             alone.command(cmd_name)(command(vars(import_module(_module(cmd_name)))[cmd_name]))
@@ -92,7 +95,10 @@ def _module(name: str) -> str:
 
 
 def _summary(name: str) -> str:
-    """First line of the docstring of the command `name`, read from its source without importing it."""
+    """First line of the docstring of the command `name`, read from its source without importing it.
+
+    An error without one.
+    """
     spec = find_spec(_module(name))
     source: str = spec.loader.get_source(spec.name)  # type: ignore[union-attr]
     body = ast.parse(source).body

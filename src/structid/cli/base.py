@@ -48,7 +48,7 @@ def results_folder(default: str) -> OptionInfo:
 
 
 def _no_file(folder: Path | None) -> Path | None:
-    """Path `folder` unchanged, None included; the command fails if it is a file."""
+    """Path `folder` unchanged, None included; the command ends with exit code 2 if it is a file."""
     if folder is not None:
         from structid.files import require_no_file  # the help needs none of it
 
@@ -59,9 +59,10 @@ def _no_file(folder: Path | None) -> Path | None:
 
 @contextmanager
 def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
-    """Context that turns errors into one message on stderr and an exit code.
+    """Context manager that turns errors into one message on stderr and an exit code.
 
-    Exit codes: 1 for no answer, 2 for unusable input or a system error, 130 for an interruption. `reword` changes the message.
+    Exit codes: 1 for no answer or a reader of stdout that left, 2 for unusable input or a system error, 130 for an
+    interruption. `reword` changes the message, except that of an error in a study file.
     """
     try:
         with _terminable():
@@ -84,7 +85,10 @@ def reported(reword: Callable[[str], str] = str) -> Iterator[None]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Context in which SIGTERM ends the run like Ctrl-C; without effect outside the main thread."""
+    """Context manager in which SIGTERM raises `KeyboardInterrupt`, as Ctrl-C does.
+
+    Without effect outside the main thread.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -106,7 +110,7 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print `text` as a line on stdout, or on stderr if `err`; control characters are shown as numbers.
+    """Print `text` as a line on stdout, or on stderr if `err`; control characters but line ends are shown as numbers.
 
     Paths are shortened to how the user typed them, unless `is_exact`.
     """

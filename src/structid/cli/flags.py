@@ -36,9 +36,9 @@ _OPTION = re.compile(r"`(?P<name>\w+)(?: = (?P<value>[^`]+))?`")
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """The function for typer made of `function`: each parameter that is a dataclass of options becomes one flag for each field.
+    """The function for typer made of `function`, whose dataclasses of options become one flag for each field.
 
-    An error of the user's input ends it with one message on stderr and an exit code, see `reported`.
+    An error of the user's input ends it with one message on stderr and an exit code.
     """
     signature = inspect.signature(function, eval_str=True)
     options: dict[str, type] = {
@@ -49,7 +49,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
 
     def run(**given: object) -> None:
-        """Call the function, with its dataclasses of options made from the flags; paths become absolute."""
+        """Call `function` with its dataclasses of options made from the flags in `given`, values by name.
+
+        Paths become absolute. Errors are printed, with names of flags, and end the process with an exit code.
+        """
         from structid.core.isolation import absolute_paths, isolated  # the help needs none of it
         from structid.external.confirmation import commands_told
         from structid.records.formats.options import options_given_as_flags
@@ -78,7 +81,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def flag_spellings(function: Callable[..., None]) -> dict[str, str]:
-    """Flag of each option of the command `function`, such as ``--sampling-rate``, by the option's name in Python."""
+    """Flag of each option of the command `function`, such as ``--sampling-rate``, by the option's name in Python.
+
+    Fields of its dataclasses of options are included; of several names of an option the first one counts.
+    """
     spellings: dict[str, str] = {}
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = parameter.annotation
@@ -123,7 +129,8 @@ def _inner(kind: object) -> type | None:
 def _make_options(options: type[T], values: Mapping[str, object]) -> T:
     """Instance of the dataclass `options` from flag values by name; missing fields keep their defaults.
 
-    Values whose names begin with ``<field>_`` make the dataclass that this field holds.
+    A field that is a dataclass is made from the values whose names begin with ``<field>_``; without any it keeps its
+    default.
     """
     kinds, remaining = get_type_hints(options), dict(values)
     for field in inspect.signature(options).parameters:
@@ -150,7 +157,11 @@ def _option_fields(options: type, prefix: str = "") -> Iterator[tuple[type, Fiel
 
 
 def _flags(options: type) -> Iterator[inspect.Parameter]:
-    """Yield the parameters of a command line function, one for each field of a dataclass of options; lists become text."""
+    """Yield the parameters of a command line function, one for each field of a dataclass of options.
+
+    Numbers, texts, paths and pairs of numbers keep their types; anything else, such as a list, becomes text, "" by
+    default. The help is the field's description.
+    """
     from structid.core.constraints import parameter_descriptions
 
     descriptions: dict[type, dict[str, str]] = {}

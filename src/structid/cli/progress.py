@@ -45,8 +45,9 @@ class ProgressFile:
     def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
         """Append a JSON line on the task `name`; with a finite `cost` it also holds sum of squares and parameters.
 
-        `done` of `total` steps are finished (`total` None if unknown), `words` describe the state. After 200 lines, lines less
-        than 0.2 s apart are left out. Above 400 parameters the list is empty.
+        `done` of `total` steps are finished (`total` None if unknown), `words` describe the state. After 200 lines,
+        lines less than 0.2 s apart are left out, except at the first and the last step. Above 400 parameters the list
+        is empty. An error of the system is ignored.
         """
         now = time.time()
         if self._lines >= _ALL_LINES and now - self._written < _FILE_SECONDS and done not in (1, total):
@@ -70,7 +71,11 @@ class RunProgress:
     """
 
     def __init__(self, most_iterations: int, show: ShowProgress) -> None:
-        """Progress of a run whose searches have at most `most_iterations` iterations; `show` brings it to the reader."""
+        """Progress of a run whose searches have at most `most_iterations` iterations.
+
+        `show` is called with name, steps done, steps in all (None if unknown) and words, to bring them to the reader.
+        `file` can be set to keep them in a file too.
+        """
         self.most_iterations = most_iterations
         self.show = show
         self.file: ProgressFile | None = None
@@ -78,7 +83,10 @@ class RunProgress:
         self._ends: dict[str, float] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
-        """Report iteration number `iteration` of the search stage `stage`, and its sum of squares `cost`."""
+        """Report iteration number `iteration` of the search stage `stage`, and its sum of squares `cost`.
+
+        The words have the mean time of an iteration if that is 1 s or more.
+        """
         each = self._seconds_each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
@@ -123,7 +131,7 @@ class RunProgress:
 
 @contextmanager
 def run_progress(most_iterations: int) -> Iterator[RunProgress]:
-    """Context that yields the progress of a run: a bar if stderr is a terminal, else at most one line a minute.
+    """Context manager that yields the progress of a run: a bar if stderr is a terminal, else at most one line a minute.
 
     `most_iterations` is the limit of iterations of a search.
     """
@@ -137,7 +145,10 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
 
 
 def _bars(bar: Progress) -> ShowProgress:
-    """Function that shows progress as one bar on a terminal, that of the current task."""
+    """Function that shows progress as one bar of `bar` on a terminal, that of the current task.
+
+    Until its first call the bar says that the study is read and checked.
+    """
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
 
     def show(name: str, done: int, total: int | None, words: str) -> None:
@@ -155,11 +166,14 @@ def _bars(bar: Progress) -> ShowProgress:
 
 
 def _lines() -> ShowProgress:
-    """Function that prints progress on stderr, at most one line a minute."""
+    """Function that prints the words of a progress report on stderr, if the last line is at least 60 s old.
+
+    The first line comes 60 s after this call at the earliest.
+    """
     shown = time.monotonic()
 
     def show(_name: str, _done: int, _total: int | None, words: str) -> None:
-        """Print `words` on stderr if the last line is at least `_LINE_SECONDS` s old."""
+        """Print `words` on stderr if the last line is at least 60 s old; the other arguments are not used."""
         nonlocal shown
         if time.monotonic() - shown >= _LINE_SECONDS:
             typer.echo(words, err=True)

@@ -55,7 +55,11 @@ def _from_here(words: str, folder: str) -> str:
 
 
 def _values(view: ResultsView) -> list[RenderableType]:
-    """Table of at most 24 identified values, and a note on the others; if it is cut, undetermined parameters come first."""
+    """Table of at most 24 identified values, and a note on the others if it is cut.
+
+    Undetermined parameters then come first. Without a covariance matrix, the ten parameters that changed most take its
+    place.
+    """
     if not view.identification.estimate.uncertainty.has_matrix:
         return _changes(view)
     rows = view.listed
@@ -81,7 +85,11 @@ def _changes(view: ResultsView) -> list[RenderableType]:
 
 
 def _details(view: ResultsView) -> list[RenderableType]:
-    """Texts and tables printed with ``--verbose``: warnings, statistics, causes, standard deviations and modes."""
+    """Texts and tables that follow the values with ``--verbose``, a blank line first.
+
+    They are all warnings, statistics, notes, scatters, collinear groups, causes, standard deviations, modes and
+    resonances.
+    """
     identification = view.identification
     shown: list[RenderableType] = [
         Text(""),
@@ -106,9 +114,9 @@ def _details(view: ResultsView) -> list[RenderableType]:
 
 
 def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
-    """Table of up to eight sets of values that fit the data equally well, one column each; [] if `sets` is None.
+    """A text on the searches, and a table of up to eight sets of values that fit equally well, one column each.
 
-    If a further test could decide between the sets, its predictions are the last row.
+    If a further test could decide between the sets, its predictions are the last row. [] if `sets` is None.
     """
     if sets is None:
         return []
@@ -149,7 +157,10 @@ def _spreads(view: ResultsView) -> list[RenderableType]:
 
 
 def _identified_modes(identification: Identification) -> list[RenderableType]:
-    """Tables of the identified model's modes and of its resonances beside the measured ones; none for empty data."""
+    """Tables of the identified model's modes and of its resonances (Hz) beside the measured ones.
+
+    A table is left out if there are none; modes are numbered from 1.
+    """
     shown: list[RenderableType] = []
     if len(identification.modes.frequency):
         table = new_table("mode", "frequency Hz", "damping ratio")
@@ -272,7 +283,10 @@ def _initial_modes(result: CheckResult) -> RenderableType:
 
 
 def _resonances(result: CheckResult) -> list[RenderableType]:
-    """Tables of measured resonances beside those of the initial model, one for each record that has any."""
+    """Tables of measured resonances (Hz) beside those of the initial model, one for each record that has any.
+
+    The distance is in % and in half-bandwidths; what is not finite is "none" or left blank.
+    """
     tables: list[RenderableType] = []
     for one in result.beside:
         if not one.resonances:

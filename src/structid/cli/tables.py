@@ -16,7 +16,7 @@ _MOST_GROUPS = 3
 
 
 def show(parts: Iterable[RenderableType]) -> None:
-    """Print `parts` on standard output, as wide as the terminal; `_WIDTH_OF_FILES` characters wide if it is not a terminal."""
+    """Print `parts` on standard output, as wide as the terminal; 1000 characters wide if it is not a terminal."""
     console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)
@@ -30,7 +30,7 @@ def heading(title: str, warnings: Iterable[str], most: int = MOST_WARNINGS) -> l
 
 
 def new_table(*columns: str) -> Table:
-    """Table without lines, with these column headings; its first column is wrapped, the others may be cut."""
+    """Table without lines, with these column headings; text in its first column is wrapped, in others it may be cut."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for i, column in enumerate(columns):
         table.add_column(column, overflow="fold" if i == 0 else "ellipsis")

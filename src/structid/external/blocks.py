@@ -73,10 +73,10 @@ class Card:
 
 
 def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
-    """The bulk data cards called `name` in the Nastran deck `text`, with their fields by number.
+    """The bulk data cards called `name` in the Nastran deck `text`, in any case, with their fields by number.
 
-    Fields are numbered as in the manual, 2 to 9 on the first line, 12 to 19 on the next. `file` is named in errors.
-    `InputError` if tabs move the columns of a card.
+    Fields are numbered as in the manual, 2 to 9 on the first line, 12 to 19 on the next; those that a card lacks are
+    missing. `file` is named in errors. `InputError` if tabs move the columns of a card.
     """
     pattern = re.compile(rf"^{re.escape(name)}\b.*(?:\n(?![A-Z]).*)*", re.MULTILINE | re.IGNORECASE)
     for lines in _matching_blocks(pattern, text):
@@ -101,9 +101,10 @@ def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
 
 
 def _split_fields(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
-    """Offset in the line and text of each field of a card after its name.
+    """Offset in the line and text of each field of a card after its name; a text keeps its blanks.
 
-    `is_free` says that the card has commas between fields; else fields are `width` characters wide (8 or 16).
+    `is_free` says that the card has commas between fields; else fields are `width` characters wide (8 or 16), in
+    columns 9 to 72.
     """
     if not is_free:
         return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
@@ -141,9 +142,10 @@ def parse_keyword_line(words: str) -> tuple[str, dict[str, str]]:
 
 
 def keywords_in(file: str, text: str) -> Iterator[Keyword]:
-    """All keywords in the Abaqus or CalculiX input `text`, with options and data lines; comments are left out.
+    """All keywords in the Abaqus or CalculiX input `text`, in order, with options and data lines.
 
-    Continued keyword lines are joined. `file` is the file's name, which each keyword keeps for messages.
+    Comments are left out. Continued keyword lines are joined. `file` is the file's name, which each keyword keeps for
+    messages.
     """
     for lines in _matching_blocks(_KEYWORD, text):
         lines_of_keyword = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith("**")]

@@ -43,7 +43,8 @@ def command_words(command: str, deck: str, study: Path) -> list[str]:
 def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
     """SHA-256 digest, in hexadecimal, that a user confirms before the command runs.
 
-    It covers the command, the study folder, the contents of the decks and those of files in the folder that the command names.
+    It covers the command, the study folder, the contents of `inputs`, and those of files in the folder that the command
+    names by their absolute path, as ``{study}`` gives it.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
 def tell_command(command: str, study: Path, confirmation: str) -> None:
     """Report that `command` is about to run, unless nobody listens (`commands_told`) or it was reported before.
 
-    `study` is the folder of the study, `confirmation` the digest of `confirmation_of`.
+    `study` is the folder of the study, `confirmation` the digest of the command and its files, by which a report is
+    known.
     """
     tell, reported = _teller.get()
     if tell is not None and confirmation not in reported:

@@ -54,7 +54,7 @@ class DeckParameter:
     at: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the name, and that the value and the centre lie within the bounds."""
+        """Raise `InputError` unless the name is one word, and value and centre of differences lie within the bounds."""
         if _NAME.fullmatch(self.name) is None:
             raise InputError(f"`name` must be made of letters, digits and _, as in E_left, got {self.name!r}")
         low, high = self.limits
@@ -131,7 +131,10 @@ class Deck:
         return self.shown({one.name: one.value for one in self.parameters})
 
     def shown(self, values: Mapping[str, float]) -> dict[str, float]:
-        """`values` by parameter name, rounded as the solver sees them: to the digits that fit in the narrowest mark of each."""
+        """`values` by parameter name, rounded as the solver sees them.
+
+        They have the digits that fit in the narrowest mark of each parameter, 16 characters without a width.
+        """
         width = dict.fromkeys(self.names, WIDTH)
         for text in self.texts.values():
             for mark in _MARK.finditer(text):
@@ -139,9 +142,10 @@ class Deck:
         return {name: float(number_text(float(values[name]), width[name])) for name in self.names}
 
     def written(self, values: Mapping[str, float]) -> dict[str, str]:
-        """Text of each file, by file name, with `values` (by parameter name) in place of the marks.
+        """Text of each file of the deck, by file name, with `values` (by parameter name) in place of the marks.
 
-        A mark with a width keeps it, so that columns stay in place: the number comes first, blanks after it.
+        A mark with a width keeps it, so that columns stay in place: the number comes first, blanks after it. All marks
+        of a parameter show the same rounded value.
         """
 
         def number(mark: re.Match[str]) -> str:
@@ -154,10 +158,11 @@ class Deck:
 
 
 def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
-    """`texts` of the deck, by file name, with the frequencies that the solver is to compute, and one more file that lists them.
+    """`texts` of the deck, by file name, with the frequencies that the solver is to compute.
 
-    A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. The file is called `FREQUENCIES` and has
-    one frequency (Hz) in each line; raises `InputError` if the deck has a file of that name already.
+    One more file lists them. A line with the mark ``{{frequency}}`` is repeated for each of `frequency` in Hz. The file
+    is called frequencies.csv and has one frequency (Hz) in each line; raises `InputError` if the deck has a file of
+    that name already.
     """
 
     def number(mark: re.Match[str], value: float) -> str:

@@ -58,7 +58,7 @@ class Expansion:
     n_points: int
 
     def at(self, values: Mapping[str, float]) -> FloatArray:
-        """Values of the polynomials for parameter `values` (by name), (n_numbers,)."""
+        """Values of the polynomials, (n_numbers,), for parameter `values` by name, in the units of the deck."""
         total = np.zeros(len(next(iter(self.coefficients.values()))))
         for powers, coefficient in self.coefficients.items():
             total = total + coefficient * np.prod([(values[n] / self.references[n]) ** p for n, p in powers])
@@ -106,17 +106,20 @@ def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
 
 
 def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
-    """Polynomials of low order in the deck's parameters, for the numbers that `evaluate` returns, verified at further points.
+    """Polynomials of low order in the deck's parameters, for the numbers that `evaluate` returns.
 
-    Each parameter is varied alone first: a straight line is verified at a third point, and if it fails, the order is raised up
-    to the fourth, each verified at a further point. A point at which all parameters change verifies the sum; if that fails,
-    products of pairs of parameters are added and verified.
+    They are verified at points that they were not fitted to. Each parameter is varied alone first: a straight line is
+    verified at a third point, and if it fails, the order is raised up to the fourth, each verified at a further point.
+    A point at which all parameters change verifies the sum; if that fails, products of pairs of parameters are added
+    and verified.
 
     Parameters
     ----------
     evaluate : callable
-        Returns the numbers at a sequence of parameter values, (n_points, n_numbers), and the size of each, (n_numbers,).
+        Returns the numbers at a sequence of parameter values, (n_points, n_numbers), and the size of each,
+        (n_numbers,).
     deck : Deck
+        Deck with its parameters and their nominal values.
 
     Raises
     ------
@@ -126,14 +129,12 @@ def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
     axes = [axis(one, deck.nominal[one.name], RANGE) for one in deck.parameters]
     table = _Table(evaluate, deck, {one.name: one for one in axes})
     table.evaluate_at([{}, *({one.name: part} for one in axes for part in _PARTS[:2])])
-    lines = {one.name: (_fit_powers(table, one, 1)) for one in axes}
     orders = {one.name: _lowest_order(table, one) for one in axes}
-    for one in axes:
-        lines[one.name] = _fit_powers(table, one, orders[one.name])
-        _require_effect(table, one, lines[one.name])
     polynomial: dict[Powers, FloatArray] = {(): table.row({})}
     for one in axes:
-        polynomial |= _along(one, lines[one.name])
+        line = _fit_powers(table, one, orders[one.name])
+        _require_effect(table, one, line)
+        polynomial |= _along(one, line)
     crossed: tuple[tuple[str, str], ...] = ()
     if len(axes) > 1:
         joint_points = [
@@ -163,7 +164,11 @@ class _Table:
     """Numbers at points that are given by parts of each parameter's range; each evaluated once."""
 
     def __init__(self, evaluate: Evaluate, deck: Deck, axes: Mapping[str, _Axis]) -> None:
-        """An empty table; `evaluate` returns the numbers at parameter values, `axes` has the range of each by name."""
+        """An empty table of numbers at points.
+
+        `evaluate` returns the numbers, (n_points, n_numbers), and the size of each at a sequence of parameter values;
+        `axes` has the range of each parameter of `deck` by name.
+        """
         self.evaluate, self.deck, self.axes = evaluate, deck, axes
         self.rows: FloatArray = np.zeros((0, 0))
         self.size: FloatArray = np.zeros(0)
@@ -232,10 +237,11 @@ def _along(axis: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
 
 
 def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
-    """Coefficients of u, u^2, ..., u^order of one parameter, (n_numbers,) each, through as many points of `table`.
+    """Coefficients of u, u^2, ..., u^order of one parameter, (n_numbers,) each, through `order` points of `table`.
 
-    u is the change of the parameter from its nominal value, as a part of that value, or of the step where it is 0. The nominal
-    point is met too. Coefficients of numbers that change by no more than rounding are 0.
+    u is the change of the parameter from its nominal value, as a part of that value, or of the step where it is 0. The
+    polynomial is that of the change from the nominal point, so that it meets that point too. Coefficients of numbers
+    that change by no more than rounding are 0.
     """
     points = [{axis.name: part} for part in _PARTS[:order]]
     u = np.array([table.u(point, axis.name) for point in points])
@@ -290,9 +296,10 @@ def _fit_products(
 
 
 def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
-    """Coefficients (n_numbers,) of `polynomial` by powers of value / reference instead of u, the relative change of a parameter.
+    """Coefficients (n_numbers,) of `polynomial` by powers of value / reference of the parameters.
 
-    Coefficients at rounding level are set to 0, and powers that have no other are left out.
+    Those of `polynomial` are by powers of u, the relative change of a parameter from the nominal value. Coefficients at
+    rounding level are set to 0, and powers that have no other are left out.
     """
     total: dict[Powers, FloatArray] = {}
     centre = {name: one.origin for name, one in table.axes.items()}

@@ -69,9 +69,10 @@ class FrfsOut(OneFile):
     units: Units = field(default_factory=Units)
 
     def read(self, folder: Path) -> ComplexArray:
-        """Receptances in the folder of a run at the needed lines and channels, in SI units, (n_lines, n_outputs, n_inputs).
+        """Receptances in the folder of a run at the needed lines and channels, m/N, (n_lines, n_outputs, n_inputs).
 
-        `FileError` if the file is cut short, or lacks a line, a channel or the imaginary parts.
+        They are along the positive directions. `FileError` if the file is cut short, holds no FRFs of motion per force
+        or zeros alone, or lacks a line, a channel or the imaginary parts.
         """
         path = existing_file(folder, self.path)
         require_last_line(path)
@@ -97,7 +98,10 @@ class FrfsOut(OneFile):
         return values * output_senses[:, None] * input_senses
 
     def _line_indices(self, path: Path, of_file: FloatArray) -> IntArray:
-        """Index in `of_file`, the frequencies of the file in Hz, of each needed line; `FileError` if a line is missing."""
+        """Index in `of_file`, the frequencies of the file `path` in Hz, of each needed line, (n_lines,).
+
+        `FileError` if a line is missing: none in the file is within a relative distance of 1e-5.
+        """
         after = np.clip(np.searchsorted(of_file, self.frequency), 1, max(len(of_file) - 1, 1))
         before = after - 1
         after = np.minimum(after, len(of_file) - 1)
@@ -118,9 +122,10 @@ class FrfsOut(OneFile):
 def _channel_indices(
     path: Path, word: str, channels: Sequence[Dof], file_channels: Sequence[Dof]
 ) -> tuple[IntArray, FloatArray]:
-    """Index of each of `channels` among the channels of a file, and 1 or -1 for its sense there, (n_channels,) each.
+    """Index of each of `channels` among the channels of a file, and the sign into its sense, (n_channels,) each.
 
-    `file_channels` are those of the file at `path`; `word` is "sensor" or "load", for the `FileError` if a channel is missing.
+    The sign is 1 or -1. `file_channels` are those of the file at `path`; `word` is "sensor" or "load", for the
+    `FileError` if a channel is missing.
     """
     index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(file_channels)}
     missing = [str(dof.unsigned) for dof in channels if dof.unsigned not in index_and_sign]
@@ -137,11 +142,14 @@ def _channel_indices(
 
 
 def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> FrfRecord:
-    """The FRFs in a punch file of Nastran, in SI units; outputs are all six components of each node.
+    """The FRFs in a punch file of Nastran, in SI units; outputs are all six components of each node, by ascending node.
+
+    The kind is that of the motions in the file: receptance, mobility or accelerance, the first of these that is there.
 
     Parameters
     ----------
     path : Path
+        The punch file.
     loads : sequence of Dof
         The unit load of each subcase, in ascending order of subcases.
     length, force : str
@@ -175,9 +183,10 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
 
 
 def _read_entries(path: Path, lines: Sequence[str], motion_kind: FrfKind) -> Iterator[Entry]:
-    """Subcase, frequency in Hz, node and complex motion (6,) of each point in the lines of a punch file.
+    """Subcase (1 by default), frequency in Hz, node and complex motion (6,) of each point in the lines of a punch file.
 
-    Only motions of the kind `motion_kind` are read, others skipped. `FileError` if they are real, or a point is incomplete.
+    Only motions of the kind `motion_kind` are read, others skipped; magnitudes and phases (deg) become complex.
+    `FileError` if the motions are real, or a point is incomplete.
     """
     kind: FrfKind | None = None
     header: dict[str, str] = {}
@@ -255,7 +264,8 @@ class SolvedFrfs(SolvedModel):
     def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest error of the model's FRFs against a solver run at `values` (by name), with a sentence.
 
-        Errors are relative to the peak of each FRF. The solver runs unless this run is kept already.
+        Errors are parts of the largest value of each FRF over its lines. The solver runs unless this run is kept
+        already; `InputError` if it fails.
         """
         of_solver = self.run_at(values, work).centre
         of_model, _ = self.model.table.evaluated(np.array([values[name] for name in self.model.table.at]))
@@ -274,6 +284,7 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Tas
     name : str
         Name of the model in its structure.
     solver : Solver
+        Deck, command and folder of the runs.
     out : FrfsOut
         Reads the needed FRFs in the folder of a run.
     units : Units

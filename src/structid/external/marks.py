@@ -77,9 +77,9 @@ class CardField:
         return self._name + ("" if self.id is None else f" {self.id}")
 
     def locate(self, texts: Mapping[str, str]) -> DeckPosition:
-        """Position of the number in the deck `texts`, which maps file names to contents.
+        """Position of the number of this field in the deck `texts`, which maps file names to contents, and its value.
 
-        `InputError` unless exactly one card matches and its field holds a real number.
+        `InputError` unless exactly one card matches and its field holds a real number, with a decimal point.
         """
         if self.field % ROW in (0, 1):
             raise InputError(
@@ -142,7 +142,7 @@ class KeywordEntry:
         return self.keyword + ("" if self.of is None else f" of {self.of}")
 
     def locate(self, texts: Mapping[str, str]) -> DeckPosition:
-        """Position of the number in the deck `texts`, which maps file names to contents.
+        """Position of the number of this entry in the deck `texts`, which maps file names to contents, and its value.
 
         `InputError` unless exactly one keyword matches and the entry of its data line holds a number.
         """
@@ -218,7 +218,10 @@ def with_marks(texts: Mapping[str, str], positions: Sequence[tuple[str, DeckPosi
 
 
 def value_at(name: str, positions: Sequence[DeckPosition]) -> float:
-    """Value that the deck holds for the parameter `name`; `InputError` if the numbers at its positions differ."""
+    """Value that the deck holds for the parameter `name`: that at the first of its `positions`.
+
+    `InputError` if the numbers at these positions differ by more than 1e-6 of their size.
+    """
     first = positions[0]
     for position in positions:
         if not math.isclose(first.value, position.value, rel_tol=1e-6):

@@ -41,8 +41,8 @@ class SolvedMatrices(SolvedModel):
     def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest difference between the model's matrices and a solver run at `values` (by name), with a sentence.
 
-        An entry (i, j) is relative to the root of the product of its diagonal entries. The solver runs unless this run is kept
-        already.
+        An entry (i, j) is relative to the root of the product of the run's diagonal entries i and j. The solver runs
+        unless this run is kept already; `InputError` if it fails.
         """
         [folder], _ = needed_runs(self.solver, [values], work)
         worst = 0.0
@@ -70,6 +70,7 @@ def solved_matrices(
     name : str
         Name of the model in its structure.
     solver : Solver
+        Deck, command and folder of the runs.
     out : MatricesOut
         Reads the matrices in the folder of a run.
     units : Units
@@ -82,15 +83,18 @@ def solved_matrices(
     Raises
     ------
     InputError
-        If a run fails, its matrices differ in size from the first run's, no polynomial of low order is verified, or a matrix
-        at the nominal values is not positive semidefinite and that is not accepted.
+        If a run fails, its matrices differ in size from the first run's, no polynomial of low order is verified, or a
+        matrix at the nominal values is not positive semidefinite and that is not accepted.
     """
     counts = RunCounts()
     pattern = _Pattern()
     matrices_of_run: dict[Path, Mapping[str, ImportedMatrix]] = {}
 
     def evaluate(points: Sequence[Point]) -> tuple[FloatArray, FloatArray]:
-        """Matrix entries of the runs at `points`, (n_points, n_entries), and their sizes, (n_entries,)."""
+        """Matrix entries of the solver's runs at `points`, (n_points, n_entries), and their sizes, (n_entries,).
+
+        Runs that are not kept yet are made; the counts of runs, and the entries that new matrices add, are updated.
+        """
         nonlocal counts, pattern
         folders, made = needed_runs(solver, points, work)
         counts = RunCounts(0, counts.made + made.made)
@@ -128,7 +132,7 @@ def solved_matrices(
 
 
 def _describe_matrices(polynomials: Expansion, pattern: _Pattern, counts: RunCounts) -> tuple[str, ...]:
-    """A tuple of one sentence on the polynomials: runs, size, order in each parameter and accuracy."""
+    """A tuple of one sentence on the polynomials: runs, size, order in each parameter, products, and accuracy."""
     words = {1: "linear", 2: "quadratic", 3: "cubic", 4: "of fourth order"}
     orders = ", ".join(f"{words[order]} in {name}" for name, order in polynomials.orders.items())
     crossed = "".join(f", with products of {a} and {b}" for a, b in polynomials.crossed)
@@ -174,9 +178,10 @@ class _Pattern:
         return replace(pattern, entries=np.concatenate([self.entries, new]))
 
     def rows(self, tables: Sequence[Mapping[str, ImportedMatrix]]) -> tuple[FloatArray, FloatArray]:
-        """Matrix entries of each run, (n_runs, n_entries), and the size that changes of each are compared with, (n_entries,).
+        """Matrix entries of each run, (n_runs, n_entries), and the size to compare changes of each with, (n_entries,).
 
-        `tables` have the imported matrices of each run by kind. The size is the root of the product of the diagonal entries.
+        `tables` have the imported matrices of each run by kind; an entry that a run lacks is 0. The size is the root of
+        the product of the two diagonal entries, of which the largest over the runs counts.
         """
         values = np.zeros((len(tables), len(self.entries)))
         order = np.argsort(self.entries)

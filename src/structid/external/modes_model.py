@@ -63,10 +63,11 @@ class Tangent:
 
 
 def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) -> Tangent:
-    """Mass and stiffness matrices on few degrees of freedom, by powers of the parameters, that have the modes of solver runs.
+    """Mass and stiffness matrices of small size, by powers of the parameters, that have the modes of solver runs.
 
-    In each parameter the matrices are parabolas through three runs; effects of several parameters add. Unless all runs have
-    shapes of unit modal mass, each mode is scaled by its coordinates below: the columns of [C; D] get the length 1.
+    In each parameter the matrices are parabolas through three runs; effects of several parameters add. Unless all runs
+    have shapes of unit modal mass, each mode is scaled by its coordinates below: the columns of [C; D] get the length
+    1.
 
     Parameters
     ----------
@@ -77,6 +78,12 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
     differences : sequence of Pair
         For each parameter, the modes at two changes of it from the centre value, the other parameters at theirs.
 
+    Returns
+    -------
+    Tangent
+        Degrees of freedom, matrices and tie, the degrees of freedom that move in no run as constrained, and the number
+        of modes that all runs have in common.
+
     Raises
     ------
     InputError
@@ -84,13 +91,13 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
 
     Notes
     -----
-    With the centre's shapes Phi and their eigenvalues Lambda, a run's shapes are Phi C + U D, where U spans the motion outside
-    Phi. With unit masses and stiffnesses kappa of U, the run's modes are those of
+    With the centre's shapes Phi and their eigenvalues Lambda, a run's shapes are Phi C + U D, where U spans the motion
+    outside Phi. With unit masses and stiffnesses kappa of U, the run's modes are those of
 
         M_qq = C^-T (1 - D'D) C^-1,  K_qq = C^-T (Lambda - D'D Lambda - Lambda D'D + kappa D'D) C^-1,
         K_uq = (D Lambda - kappa D) C^-1.
 
-    Degrees of freedom of the matrices are those on which the span of Phi and U is told best, by a pivoted QR.
+    Degrees of freedom of the matrices are those on which the span of Phi and U is best determined, by a pivoted QR.
     """
     runs = [run for one in differences for run in one.runs]
     moved = np.abs(centre.values).max(axis=1) > 0
@@ -136,7 +143,8 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
 def _count_common_modes(centre: RunModes, runs: Sequence[RunModes], n_moved: int) -> int:
     """Largest number of lowest modes whose shapes span the same motions at the centre and in all runs.
 
-    `n_moved` is the number of degrees of freedom that move in the runs.
+    They do if the cosine of the largest principal angle is above 0.6. `n_moved` is the number of degrees of freedom
+    that move in the runs.
 
     Raises
     ------
@@ -211,13 +219,13 @@ def _outer_stiffness(
     coordinates: Sequence[FloatArray],
     free: Sequence[FloatArray],
 ) -> float:
-    """Stiffness, (rad/s)^2, of directions outside the shapes at the centre for which the stiffness matrix is most nearly linear.
+    """Stiffness, (rad/s)^2, outside the shapes at the centre that makes the stiffness matrix most nearly linear.
 
-    It minimizes the quadratic coefficients, in the changes of each parameter, of the stiffness of the centre's shapes. The range
-    for it lies above the highest eigenvalue of all runs; the upper end is returned if no shape leaves the centre's.
-    `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count. Each run's shapes have
-    coordinates in the centre's shapes, `coordinates` (n_modes, n_modes), and in the directions outside, `free` (n_outside,
-    n_modes), in the order of the runs.
+    It minimizes the quadratic coefficients, in the changes of each parameter, of the stiffness of the centre's shapes.
+    It is that of 1.5 to 10 times the highest frequency of all runs; the upper end is returned if no shape leaves the
+    centre's. `differences` hold the two runs of each parameter, of which the `n_modes` lowest modes count. Each run's
+    shapes have coordinates in the centre's shapes, `coordinates` (n_modes, n_modes), and in the directions outside,
+    `free` (n_outside, n_modes), in the order of the runs.
     """
     eigenvalues = [
         (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs
@@ -269,9 +277,10 @@ class SolvedModes(SolvedModel):
         return False
 
     def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
-        """Largest relative difference between the model's frequencies and a solver run at `values` (by name), with a sentence.
+        """Largest relative error of the model's frequencies against a solver run at `values` (by name), and a sentence.
 
-        Rigid-body modes are left out. The solver runs unless this run is kept already.
+        Rigid-body modes, below 0.1 % of the highest frequency, are left out. The solver runs unless this run is kept
+        already; `InputError` if it fails.
         """
         [folder], _ = needed_runs(self.solver, [values], work)
         of_solver = self.out.read(folder).frequency[: self.n_modes]
@@ -292,6 +301,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
     name : str
         Name of the model in its structure.
     solver : Solver
+        Deck, command and folder of the runs.
     out : ModesOut
         Reads frequencies and shapes in the folder of a run.
     units : Units
@@ -324,9 +334,10 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
 
 
 def _frequency_change(centre: RunModes, run: RunModes, point: Point) -> float:
-    """Largest relative change of a frequency from the run `centre` to `run`; rigid-body modes are left out.
+    """Largest relative change of a frequency from the run `centre` to `run`, mode by mode in order of frequency.
 
-    `point` are the parameter values of `run`, for the error if both have different degrees of freedom.
+    Rigid-body modes, below 0.1 % of the highest frequency, are left out. `point` are the parameter values of `run`, for
+    the `InputError` if both have different degrees of freedom.
     """
     require_same_dofs(centre, run, point_words(point))
     n = min(len(run.frequency), len(centre.frequency))

@@ -64,7 +64,8 @@ class MatricesOut:
     def read(self, folder: Path) -> dict[str, ImportedMatrix]:
         """The matrices in the folder of a run by kind (mass, ...), with node and component of each row.
 
-        `FileError` if a matrix is complex or not square, or nothing states its rows.
+        A numbering of the study or the run serves matrices whose files state none. `FileError` if a matrix is complex
+        or not square, or nothing states its rows; `InputError` if a file is missing.
         """
         table = self._table(folder)
         matrices = {}
@@ -124,7 +125,10 @@ class ModesOut(OneFile):
 
 
 def existing_file(folder: Path, name: str) -> Path:
-    """Path of the file `name` in the folder of a run; if it is missing, an `InputError` that lists the files there."""
+    """Path of the file `name` in the folder of a run.
+
+    If it is missing, an `InputError` that lists up to 12 files there.
+    """
     path = folder / name
     if not path.is_file():
         names = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)
@@ -202,7 +206,10 @@ def require_last_line(path: Path) -> None:
 
 
 def _shapes_of_modes_file(path: Path) -> RunModes:
-    """Frequencies and shapes from a modes file of any format that structid reads; of complex shapes the real parts."""
+    """Frequencies (Hz) and shapes, along positive directions, from a modes file of any format that structid reads.
+
+    Of complex shapes the real parts are taken. `FileError` if the file is cut short or a shape is zero.
+    """
     record = read_modes(path)
     require_last_line(path)
     signs = np.array([dof.sign for dof in record.channels])

@@ -126,11 +126,14 @@ class RunCounts:
 def runs(
     solver: Solver, points: Sequence[Mapping[str, float]], work: TaskExecutor
 ) -> tuple[list[Path | RunFailedError], RunCounts]:
-    """Folders of the solver runs at `points`, in their order, or the error of each run that failed; finished runs are kept.
+    """Folders of the solver runs at `points`, in their order, or the error of each run that failed.
+
+    Finished runs are kept.
 
     Parameters
     ----------
     solver : Solver
+        Deck, command and folder of the runs.
     points : sequence of mapping of str to float
         Parameter values by name, a mapping for each run.
     work : TaskExecutor
@@ -193,7 +196,10 @@ def needed_runs(
 
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: TaskContext) -> str:
-    """Run the solver at `values` (by name), up to `retries` times more if it fails; "" on success, else the reason."""
+    """Run the solver at `values` (by name), as often as `retries` more if it fails; "" on success, else the reason.
+
+    A run that is kept already is not repeated. `tools` is not used. `InputError` if the command is not confirmed.
+    """
     words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)
     for _ in range(solver.retries + 1):
@@ -215,7 +221,8 @@ def _is_done(folder: Path) -> bool:
 def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
     """Run the solver a single time at `values` (by name); "" if the result is complete, else the reason of the failure.
 
-    A good run is moved to `folder`, with its outputs, decks and log only; a failed one to `failed` beside the runs.
+    A good run is moved to `folder`, with its outputs, decks, log and a record only; a failed one to `failed` beside the
+    runs. `FileError` if the files cannot be written.
     """
     start, trial = time.perf_counter(), solver.folder / f".{folder.name[:12]}.{secrets.token_hex(4)}"
     try:
@@ -261,7 +268,7 @@ def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
 def _execute_command(solver: Solver, folder: Path) -> str:
     """Run the solver's command in `folder`, with its output in a log; "" if it ended with code 0, else a sentence.
 
-    It is ended after `timeout` seconds.
+    It is ended after `timeout` seconds, which counts as a failure.
     """
     with (folder / _LOG).open("wb") as log:
         try:
@@ -282,7 +289,10 @@ def _execute_command(solver: Solver, folder: Path) -> str:
 
 
 def _last_words(folder: Path) -> str:
-    """The last lines of the solver's log in `folder` as the end of a sentence; "" if there is no log."""
+    """The last three lines of the solver's log in `folder` that have words, as the end of a sentence.
+
+    "" if there is no log.
+    """
     path = folder / _LOG
     if not path.is_file():
         return ""

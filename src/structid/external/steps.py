@@ -100,11 +100,13 @@ def take_differences(
 ) -> Differences[R]:
     """Results of solver runs at the centre of all parameters and at two steps of each, with steps of usable size.
 
-    Steps that change the results too little or too much, or at which the solver fails, are changed and repeated.
+    Steps that change the results too little or too much, or at which the solver fails, are changed and repeated, in at
+    most four rounds.
 
     Parameters
     ----------
     solver : Solver
+        Deck with its parameters, command and folder of the runs.
     read : callable
         Returns the result in the folder of a run.
     change : callable
@@ -117,7 +119,7 @@ def take_differences(
     Raises
     ------
     InputError
-        If a run fails, or a parameter has no effect.
+        If a run fails at the centre or at the smallest step, a parameter has no effect, or no step can be used.
     """
     centre = solver.deck.shown({one.name: one.centre for one in solver.deck.parameters})
     folders, counts = needed_runs(solver, [centre], work)
@@ -155,7 +157,8 @@ class _Step:
     def __init__(self, parameter: DeckParameter, centre: float, rules: StepRules) -> None:
         """The first step of `parameter` about the value `centre`: the parameter's `step`, or that of the `rules`.
 
-        `InputError` if the centre is 0 and the parameter has no step.
+        It is relative to the centre. It is absolute where the centre is 0; `InputError` if the parameter has no step
+        then.
         """
         self.parameter, self.centre, self.rules = parameter, centre, rules
         if not centre and parameter.step is None:

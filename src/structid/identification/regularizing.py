@@ -359,7 +359,11 @@ class _Search:
         return LocalModel(self.problem.linearize(theta), penalties)
 
     def choose(self, model: LocalModel, strengths: Strengths) -> Strengths:
-        """New strengths of all terms and then scatters, each by its rule, from a linearized model and the present strengths."""
+        """New strengths of all terms and then scatters, each by its rule, from a linear model and the present ones.
+
+        Those by marginal likelihood, scatters among them, are chosen together; then each other one with the rest as
+        data. A given strength of smoothness stays.
+        """
         made = list(strengths)
         together = [k for k, t in enumerate(self.terms) if not t.is_sparse and t.rule == "marginal_likelihood"]
         together += range(len(self.terms), len(strengths))

@@ -105,7 +105,11 @@ class NamedUnknowns:
         return np.concatenate([residual, *(coupling.residual(physical) for coupling in self.couplings)])
 
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """Whitened prior and coupling residual (n_rows,), and derivative, sparse (n_rows, n_params), at `physical` (n_params,)."""
+        """Whitened residual of priors and couplings at `physical`, (n_rows,), and sparse derivative (n_rows, n_params).
+
+        One row for each parameter with a prior, then the rows of the couplings. `physical` (n_params,) are the
+        parameters in physical units, and the derivative is by these.
+        """
         rows, residual, slope = self.priors.entries(physical)
         jacobian = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
         parts = [(residual, jacobian), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
@@ -131,9 +135,9 @@ class NamedUnknowns:
         return replace(self, start=locked(physical, np.float64))
 
     def kept_near_start(self, relative: float) -> Self:
-        """A copy in which each parameter without a prior gets a Gaussian one at its start.
+        """A copy in which each parameter without a prior gets a Gaussian one with the mean at its start.
 
-        Its standard deviation is `relative` times its size, see `sizes`; parameters of size 0 get none.
+        Its standard deviation is `relative` times the parameter's size at the start; parameters of size 0 get none.
         """
         width = relative * self.sizes(self.start)
         free, priors = ~self.priors.stated & (width > 0), self.priors
@@ -149,7 +153,10 @@ def begun_at(unknowns: N, values: Mapping[str, float]) -> N:
 
 
 def join_unknowns(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
-    """The unknowns of `first` followed by those of `second`, as one set, with the priors and couplings of both."""
+    """The unknowns of `first` followed by those of `second`, as one set, with the priors and couplings of both.
+
+    Couplings are extended to all unknowns; priors on free variables are NaN for a set that has none.
+    """
 
     def both(one: FloatArray, other: FloatArray) -> FloatArray:
         return np.concatenate([one, other])

@@ -218,7 +218,7 @@ def redeclared(current: Parameters, structure: Structure, unknowns: Iterable[Unk
     Raises
     ------
     InputError
-        As `parameters` does, or if a parameter that is coupled is gone.
+        If a declaration cannot be used on `structure`, or a parameter that is coupled is gone.
     """
     made = begun_at(parameters(structure, unknowns), dict(zip(current.names, current.start.tolist(), strict=True)))
     if not current.couplings:
@@ -234,7 +234,8 @@ def redeclared(current: Parameters, structure: Structure, unknowns: Iterable[Unk
 def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array) -> None:
     """Raise `InputError` if an element set states a tolerance for a property all of whose values have rows in `design`.
 
-    Such a property is an unknown, and a tolerance is of what is fixed.
+    `design` is (n_values, n_params). Such a property is an unknown, and a tolerance is of what is fixed. A tolerance of
+    the whole set is wrong if all properties of the set that are not 0 are unknowns.
     """
     is_sought = np.diff(design.tocsr().indptr) > 0
     for element in structure.elements:
@@ -252,9 +253,10 @@ def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array)
 
 
 def _scatter_of(group: ParameterGroup) -> Scatter:
-    """The scatter of a group of parameters that is declared to vary from record to record.
+    """The scatter of a group of parameters that is declared to vary from record to record, relative to their value.
 
-    Raises `InputError` if the group is fixed, tied or may be negative, or the declared scatter is not above 0.
+    Without a stated size it begins at 0.05. Raises `InputError` if the group is fixed, tied or may be negative, or the
+    declared scatter is not above 0.
     """
     name = group.names[0] if group.n_params == 1 else f"{group.unknown.property}[{label_of(group.unknown)}]"
     if not group.is_free:
@@ -380,7 +382,10 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
 
 
 def with_scatter(parameters: Parameters, std: Mapping[str, float]) -> Parameters:
-    """`parameters` with new standard deviations of their scatters; `std` maps names of scatters to deviations."""
+    """`parameters` with new standard deviations of their scatters; `std` maps names of scatters to deviations.
+
+    Scatters that `std` does not name keep theirs.
+    """
     if not parameters.scatters:
         return parameters
     scatters = tuple(replace(scatter, std=std.get(scatter.name, scatter.std)) for scatter in parameters.scatters)

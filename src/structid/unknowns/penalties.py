@@ -97,7 +97,8 @@ def term_name(term: Regularization) -> str:
 def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> Coupling:
     """The regularization rows of `term` at strength 1, as a coupling in logarithms.
 
-    They are log ratios of neighbouring parameters (smoothness), or of parameters to their start (sparsity).
+    They are log ratios of neighbouring parameters (smoothness), or of parameters to their start (sparsity). `unknown`
+    are the parameters of `structure`.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def _parameters_of_term(structure: Structure, unknown: Parameters, term: Regular
 def _neighbour_pairs(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
     """Pairs of parameter indices whose elements share a node, (n_pairs, 2), the lower first, each once.
 
-    `columns` and `values`, (n_entries,) each, are those of `_parameters_of_term`.
+    `columns` and `values`, (n_entries,) each, are indices of a parameter and of a property value that it enters.
     """
     tables = {element.name: element.nodes for element in structure.sets}
     owners, nodes = [], []

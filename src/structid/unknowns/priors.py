@@ -38,7 +38,7 @@ class Prior:
 
     @property
     def problem(self) -> str:
-        """The reason why the prior cannot be used; "" if it can."""
+        """The reason why the prior cannot be used, as a clause after its name; "" if it can."""
         if self.kind not in ("normal", "lognormal"):
             return f"must be of kind 'normal' or 'lognormal', got {self.kind!r}"
         if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0):
@@ -138,7 +138,10 @@ class Coupling:
     logarithmic: bool = False
 
     def __post_init__(self) -> None:
-        """Lock the matrix and the target; raise `InputError` unless they are finite and fit each other."""
+        """Store read-only copies of matrix and target; raise `InputError` unless they are finite and fit each other.
+
+        The matrix is (n_rows, n_params), sparse or dense, the target (n_rows,).
+        """
         if sparse.issparse(self.matrix):
             rows = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
             require_finite("matrix", rows.data)
@@ -171,7 +174,10 @@ class Coupling:
         return self.residual(physical), sparse.csr_array(sparse.csr_array(self.matrix) @ sparse.diags_array(slope))
 
     def rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residual (n_rows,) at the parameters `physical` (n_params,), and its derivative by them, (n_rows, n_params)."""
+        """Residual (n_rows,) at the parameters `physical` (n_params,), in physical units, and its derivative by these.
+
+        The derivative is dense, (n_rows, n_params).
+        """
         if sparse.issparse(self.matrix):
             residual, jacobian = self.sparse_rows(physical)
             return residual, jacobian.toarray()
@@ -205,7 +211,7 @@ def joint_prior(
     covariance: FloatArray,
     logarithmic: bool = False,
 ) -> Coupling:
-    """A Gaussian prior on several parameters with all its correlations.
+    """A Gaussian prior on several parameters with all its correlations, as a coupling whose rows are whitened.
 
     Parameters
     ----------
@@ -223,7 +229,8 @@ def joint_prior(
     Raises
     ------
     InputError
-        If a name is no parameter, or the covariance is not finite and positive definite.
+        If a name is no parameter, the covariance is not finite and positive definite, or a mean of logarithms is not
+        positive.
     """
     missing = [label for label in own_names if label not in names]
     if missing:
@@ -254,8 +261,8 @@ def free_prior_rows(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Whitened rows of a Gaussian prior on the free variables: variable index, residual and derivative, (n_rows,) each.
 
-    `free_prior` is its mean and standard deviation, (n_params,) each and NaN where there is none; `theta` (n_params,) are the
-    free variables.
+    `free_prior` is its mean and standard deviation, (n_params,) each and NaN where there is none; all three are empty
+    if it is None. `theta` (n_params,) are the free variables.
     """
     if free_prior is None:
         return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)

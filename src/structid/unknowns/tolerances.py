@@ -92,13 +92,14 @@ class FixedProperty:
 def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tolerances) -> tuple[FixedProperty, ...]:
     """Every property of the structure with a tolerance and values that no parameter changes and that are not 0.
 
-    A property with different values of up to 20 elements (`_MOST_ALONE`) comes once for all of them and then once for each.
-    Each of the n elements has the tolerance T, all together T sqrt(1 - 1 / n): the covariance T^2 (I + (1 - 1 / n) 11') of
-    their errors is the least that is below neither T^2 I, of errors of their own, nor T^2 11', of an error in common.
+    A property with different values of up to 20 elements comes once for all of them and then once for each. Each of the
+    n elements has the tolerance T, all together T sqrt(1 - 1 / n): the covariance T^2 (I + (1 - 1 / n) 11') of their
+    errors is the least that is below neither T^2 I, of errors of their own, nor T^2 11', of an error in common.
 
     Parameters
     ----------
     structure : Structure
+        Structure with its properties.
     unknown : Parameters
         Parameters of that structure, which do not count as fixed.
     tolerances : Tolerances
@@ -134,7 +135,7 @@ def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> 
 def relative_sensitivities(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
     """Derivatives of all property `values` (n_values,) by a relative change of each property, (n_values, n_properties).
 
-    A column has the values of its property and zeros elsewhere. `properties` are the fixed ones.
+    A column has the values that belong to its property and zeros elsewhere. `properties` are the fixed ones.
     """
     columns = np.zeros((len(values), len(properties)))
     for number, item in enumerate(properties):

@@ -51,7 +51,10 @@ class Transforms:
         return kinds == "log", kinds == "interval"
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        """Parameters in physical units, (n_params,), from the free variables `theta`, (n_params,)."""
+        """Parameters in physical units, (n_params,), from the free variables `theta`, (n_params,).
+
+        A bounded parameter is strictly inside its bounds, also where rounding would put it on one.
+        """
         log, interval = self._masks
         values = np.array(theta, dtype=np.float64)
         values[log] = np.exp(values[log])
@@ -70,7 +73,11 @@ class Transforms:
         return slope
 
     def free(self, values: FloatArray) -> FloatArray:
-        """Free variables (n_params,) from `values` (n_params,) in physical units, which must lie within their range."""
+        """Free variables (n_params,) from `values` (n_params,) in physical units, strictly within their ranges.
+
+        They are the logarithm of a positive parameter, the logit of its position between two bounds, or the value
+        itself.
+        """
         log, interval = self._masks
         theta = np.array(values, dtype=np.float64)
         theta[log] = np.log(theta[log])
@@ -87,8 +94,8 @@ class Transforms:
     def reach(self, values: FloatArray, sizes: FloatArray) -> FloatArray:
         """Lowest and highest free variable that a search from the physical `values` may reach, (n_params, 2).
 
-        A positive parameter stays within a factor of a million, an unlimited one within a million of its `sizes` (no
-        limit where that is 0), and a bounded one as close to its bounds as rounding allows.
+        A positive parameter stays within a factor of a million, an unlimited one within a million times its `sizes`
+        (n_params,) (no limit where that is 0), and a bounded one as close to its bounds as rounding allows.
         """
         log, interval = self._masks
         far = np.where(log, np.log(FARTHEST), np.where(interval, _FARTHEST_LOGIT, FARTHEST * sizes))

@@ -49,7 +49,10 @@ class Field:
     degree: int = 1
 
     def __post_init__(self) -> None:
-        """Make `intervals` a tuple of ints; raise `InputError` unless it and the degree are in range."""
+        """Make `intervals` a tuple of ints; raise `InputError` unless it and the degree are in range.
+
+        Allowed are 1 to 3 intervals of at least 1, and degrees from 0 to 5.
+        """
         object.__setattr__(self, "intervals", tuple(int(n) for n in np.atleast_1d(self.intervals)))
         if not 1 <= len(self.intervals) <= 3 or min(self.intervals) < 1:
             raise InputError(f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}")
@@ -65,12 +68,13 @@ def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array
     Parameters
     ----------
     field : Field
+        Number of intervals along each axis, and the degree of the splines.
     middles : (n_elements, n_coordinates) float array
-        m.
+        Middles of the elements, m.
 
     Returns
     -------
-    (n_elements, n_functions) sparse array, and the place of each function in the grid, such as ``2,1`` (from 1).
+    (n_elements, n_functions) sparse array, and the position of each function in the grid, such as ``2,1`` (from 1).
         Functions that no element sees are left out.
 
     Raises
@@ -234,6 +238,8 @@ class ParameterGroup:
     def base(self) -> FloatArray:
         """Property value of each entry where its parameter is 1, (n_entries,).
 
+        It is the nominal value for a factor, else 1; for a field it is multiplied by the shape function.
+
         Raises
         ------
         InputError
@@ -288,9 +294,10 @@ class ParameterGroup:
 
     @cached_property
     def _property_limits(self) -> tuple[float, float]:
-        """Lower and upper limit of the group that its properties impose.
+        """Lower and upper limit of the group that its properties impose; 0 and infinite for a property without limits.
 
-        For factors, limits of a property are divided by its largest nominal value.
+        If parameters of the group are factors, limits of a property with an upper one are divided by its largest
+        nominal value.
         """
         lows, highs = [], []
         for i, item in enumerate(self.properties):
@@ -312,7 +319,7 @@ class ParameterGroup:
 
 
 def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
-    """Names of the element sets that each parameter of the group acts on, one tuple a parameter."""
+    """Names of the element sets that each parameter of the group acts on, one tuple a parameter, each name once."""
     sets = [item.element for item in group.properties]
     number = np.array([sets.index(name) for name in sets])[group.item]
     names_of = list(_select_entries([(name,) for name in sets], number[group.first]))
@@ -345,12 +352,13 @@ def _select_entries(table: Sequence[Entry], positions: IntArray) -> tuple[Entry,
 def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:
     """The parameters that the declaration `unknown` makes on `structure`, as one group.
 
-    One parameter for all elements, or one for each (group of neighbours) with `each`, or one for each function of a field.
+    One parameter for all elements, or one for each (group of neighbours) with `each`, or one for each function of a
+    field. Elements that are named twice take part once.
 
     Raises
     ------
     InputError
-        If it names no elements, or some that do not exist.
+        If it names no elements, some that do not exist, or groups or a field that cannot be made.
     """
     texts = (unknown.elements,) if isinstance(unknown.elements, str) else tuple(unknown.elements)
     if not texts:
@@ -533,7 +541,10 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
 
 
 def require_distinct(groups: Sequence[ParameterGroup]) -> None:
-    """Raise `InputError` if two parameters have the same name, or set the same property value."""
+    """Raise `InputError` if two parameters have the same name, or set the same property value.
+
+    Shape functions of one field may share a value.
+    """
     names = [name for group in groups for name in group.names]
     claimed = [group.indices if group.shares is None else np.unique(group.indices) for group in groups]
     all_indices = np.concatenate(claimed) if claimed else np.zeros(0, dtype=np.int64)

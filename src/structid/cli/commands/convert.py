@@ -138,7 +138,11 @@ def _words(kind: str) -> str:
 
 
 def _contents_of(source: Path, target: Path) -> str:
-    """Kind of data in `source`: "record", "matrices" or "modes", by its suffix and content, or by the suffix of `target`."""
+    """Kind of data in `source`: "record", "matrices" or "modes", by its suffix and content.
+
+    NPZ, NPY and MAT files hold matrices if the suffix of `target` is one of matrices alone, an NPZ file also by its
+    members. What nothing else says is a record.
+    """
     suffix = source.suffix.lower()
     if suffix in JSON_SUFFIXES or holds_modes(source):
         return "modes"
@@ -153,7 +157,10 @@ def _contents_of(source: Path, target: Path) -> str:
 
 
 def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
-    """Convert the record file `source` to `target`, and return the lines to print."""
+    """Convert the record file `source` to `target`, read with `options`, and return the lines to print.
+
+    A line says how the file was read if that is not plain, another what was written.
+    """
     record = read_record(source, options)
     write_record(target, record)
     read = [f"read: {record.source}"] if how_read(record.source, source) else []
@@ -171,9 +178,9 @@ def _record_size(record: Record) -> str:
 
 
 def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
-    """Convert the file of modes `source` to `target`, and return the lines to print.
+    """Convert the file of modes `source` to `target`, read with `options`, and return the lines to print.
 
-    A line names the data that the format of `target` cannot hold.
+    Lines say how the file was read if that is not plain, what was written, and what the format of `target` cannot hold.
     """
     record = read_modes(source, options)
     write_modes(target, record)
@@ -200,7 +207,12 @@ def _lost_of_modes(record: ModalRecord, target: Path) -> list[str]:
 
 
 def _matrices(source: Path, target: Path, options: MatrixOptions) -> list[str]:
-    """Convert a file of matrices, and return the lines to print."""
+    """Convert the file of matrices `source` to `target`, and return the lines to print.
+
+    There is a line for each matrix, and one on node and component of the rows. The options choose one matrix, give it a
+    name, read node and component of the rows from a file or write them to one, and choose a form of ``.mtx``.
+    `InputError` if `target` can hold one matrix and there are more.
+    """
     items = [read_matrix(source, options.matrix)] if options.matrix else list(read_matrices(source).values())
     if options.name:
         if len(items) > 1:
@@ -234,7 +246,7 @@ def _matrix_size(item: ImportedMatrix) -> str:
 
 
 def _with_row_numbering(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMatrix:
-    """Matrix with node and component of its rows from `table`, one row each, which was read from the file `path`.
+    """Matrix with node and component of its rows from `table`, (n_rows, 2), which was read from the file `path`.
 
     Raises `InputError` if the matrix has them already, or the number of rows differs.
     """

@@ -103,7 +103,11 @@ class Installation:
 
 
 def installation() -> Installation:
-    """Versions, factorizers (the default first), BLAS threads, processors and free memory (bytes) of this installation."""
+    """Versions of Python and packages, factorizers, BLAS threads, processors and free memory (bytes) here.
+
+    The factorizer that is used comes first; an optional package that is not there has no version. Processors are those
+    that this process may use.
+    """
     from threadpoolctl import threadpool_info
 
     from structid.dynamics.factorization import factorizer, installed_factorizers
@@ -158,7 +162,7 @@ def installed_lines(installation: Installation) -> list[str]:
 def needed_lines(needs: ResourceNeeds, duration: Duration, free: int, workers: int) -> list[str]:
     """Lines to print on the size of a study, and the memory and time that it needs on `workers` processes.
 
-    `free` is the free memory in bytes; `duration` is already that for so many workers.
+    `free` is the free memory in bytes; `duration` is already that for so many workers. The first line is blank.
     """
     from structid.cli.progress import clock
     from structid.study.run.resources import gigabytes
@@ -183,7 +187,10 @@ def needed_lines(needs: ResourceNeeds, duration: Duration, free: int, workers: i
 
 
 def _duration_words(duration: Duration) -> str:
-    """Words on the duration of a run and of the search for causes, and whether a trial of the search came to its end."""
+    """Words on the duration of a run, and what part of it is a search for causes.
+
+    They say if a trial of the search came to its end; without one, the duration with a search for causes is told too.
+    """
     from structid.cli.progress import clock
 
     if duration.is_tried and duration.causes:

@@ -44,7 +44,10 @@ def _least_time(seconds: float) -> float:
 
 
 def _time_limit(seconds: float | None) -> float | None:
-    """Value `seconds` unchanged, None included; the command fails if it is not positive."""
+    """Time limit `seconds` unchanged, None (no limit) included.
+
+    The command ends with exit code 2 if it is not positive.
+    """
     if seconds is not None and not seconds > 0:
         remedy = "leave it out, or give --no-explain to `structid identify` for no search"
         fail(f"--seconds must be greater than 0, got {seconds:g}; {remedy}", UNUSABLE_INPUT)
@@ -135,7 +138,10 @@ def identify(
     is_answered = False
 
     def write(answer: StudyResult, fits: Sequence[FittedModel]) -> str:
-        """Write results and suggested studies into the results folder, and return the name of the file to read first."""
+        """Write results, and a study file for each of `fits`, into the results folder.
+
+        Return the name of the file to read first.
+        """
         with staged_folder(folder) as staged:
             page = _write(answer, staged, report, png)
             write_suggestions(answer, fits, staged, folder)
@@ -187,7 +193,7 @@ def identify(
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     """Write the results into `folder`, with a report if `report`, and return the name of the file to read first.
 
-    With `png` the figures of the report are written as PNG files too.
+    It is the report, or else estimate.json. With `png` the figures of the report are written as PNG files too.
     """
     from structid.study.results.folder import write_results
 
@@ -206,9 +212,10 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
 
 
 def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
-    """Message on how far an interrupted run came and how to continue; the values reached are written to the checkpoint.
+    """Message on how far an interrupted run came and how to continue.
 
-    `again` is the text that tells how to resume. Nothing is written before the first iteration.
+    The state reached is written to the checkpoint `kept`. `again` is the text that tells how to resume. Before the
+    first iteration nothing is written, and the message says so.
     """
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"

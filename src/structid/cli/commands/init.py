@@ -72,7 +72,10 @@ def _parse_settings(pairs: list[str]) -> dict[str, str]:
 
 
 def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
-    """Values by name, as text, that the user types for the numbers of a template; those `answered` are not asked for."""
+    """Values by name, as valid text, that the user types for the numbers of a template; the defaults are offered.
+
+    Questions whose names are in `answered` are not asked.
+    """
     found = {}
     for one in asked_of(kind):
         if one.name not in answered:
@@ -84,7 +87,10 @@ def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
 
 
 def _check_answer(question: TemplateQuestion, text: str) -> str:
-    """Answer `text` unchanged if it is valid for the question; else raises the error after which typer asks again."""
+    """Answer `text` unchanged if it is valid for the question.
+
+    Else raises `BadParameter`, after which typer asks again.
+    """
     try:
         asked_value(question, text)
     except InputError as error:

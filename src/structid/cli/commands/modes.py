@@ -99,10 +99,11 @@ def _track(
     report: bool,
     png: bool,
 ) -> None:
-    """Track modes over several records or files of modes, in the order given, and write the tracks.
+    """Track modes over several records or files of modes, in the order given; write and print the tracks.
 
-    A folder in `results` stands for its files, sorted by name. `geometry` is a file of node positions or None, `out`
-    the results folder (None for its default name); `report` and `png` ask for the page and its figures.
+    A folder in `results` stands for its files, sorted by name. Modes of a record are identified with `options`, the
+    record being read with `read`. `geometry` is a file of node positions or None, `out` the results folder (None for
+    its default name); `report` and `png` ask for the page and its figures.
     """
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.display import file_names
@@ -140,9 +141,11 @@ def _files_of(folder: Path) -> list[Path]:
 def _merge(
     paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
 ) -> None:
-    """Merge the modes of several set-ups from files of modes, and write them in the formats that a study can read.
+    """Merge the modes of several set-ups from files of modes.
 
-    `geometry` is a file of node positions or None, `out` the results folder (None for its default name).
+    Write them in the formats that a study can read, and print them. `geometry` is a file of node positions or None,
+    `out` the results folder (None for its default name). `InputError` if `options` or `read`, which have no use here,
+    are not the defaults.
     """
     from structid.cli.tables import show
     from structid.core.display import file_names

@@ -80,7 +80,10 @@ def _told(done: int, whole: int) -> None:
 
 
 def motion_lines(result: MotionResult) -> list[str]:
-    """Lines to print: size of the problem, number of identified parameters, message, wall times (s) and memory."""
+    """Lines to print: size of the problem, number of identified parameters, message, wall times (s) and peak memory.
+
+    The last line is left out where the memory is not known.
+    """
     solution, structure = result.solution, result.study.structure
     lines = [
         f"{structure.n_dofs} degrees of freedom, {len(solution.values)} parameters, {solution.n_samples} samples"

@@ -286,7 +286,7 @@ def _noise_levels(
 
 
 def _tolerances(root: Section) -> Tolerances:
-    """Tolerances of fixed values, with the calibration of the first record if that states one."""
+    """Tolerances of fixed values that the study `root` states, with the calibration of its first record, if any."""
     tolerances = read_tolerances(root.inner("structure"))
     recorded = next(iter(record_sections(root)), None)
     stated = None if recorded is None else recorded.table.get("calibration")
