@@ -88,21 +88,22 @@ def diagnose_identification(
     budget: SearchBudget = UNLIMITED,
     before_search: Callable[[Diagnosis], None] | None = None,
 ) -> DiagnosedIdentification:
-    """The diagnosis of an identification: its verdict, and where that is not sound the causes of the misfit.
+    """Diagnosis of an identification: its verdict, and where that is not sound the causes of the misfit.
 
     Parameters
     ----------
     model : TestedModel
         Set-ups and options of the identification.
     identification : Identification
+        The answer.
     explain : bool, optional
-        True to look for causes in any case, False for never; by default they are looked for where the answer is not sound.
+        True to search for causes in any case, False for never; by default (None) only where the answer is not sound.
     work : TaskExecutor
         Runs the screening and the fits of candidates.
     budget : SearchBudget
         Effort of the search for causes from its beginning on; unlimited by default.
     before_search : callable, optional
-        Called with the diagnosis without causes, just before they are looked for, which may take long.
+        Called with the diagnosis without causes, just before the search for them, which may take long.
 
     Returns
     -------

@@ -32,12 +32,14 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
     model : TestedModel
         Set-ups and options of the identification.
     identification : Identification
+        The answer.
 
     Returns
     -------
     tuple of FixedValueSensitivity
-        Empty for models of more than `MOST_DOFS` degrees of freedom, for searches without a Jacobian, and if nothing is fixed.
-        Values that cannot be freed are left out.
+        In the order of the properties. Empty for models of more than 1200 degrees of freedom, for searches without a
+        Jacobian, and if nothing is fixed. Values that cannot be freed are left out. The change that the record asks for
+        is NaN where the residual is not noise.
     """
     setup, estimate = model.setups[0], identification.estimate
     is_small = setup.structure.n_dofs <= MOST_DOFS and identification.target is not None

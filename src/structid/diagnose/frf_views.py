@@ -58,7 +58,10 @@ class FrfView:
 
     @cached_property
     def near(self) -> FloatArray:
-        """Frequencies in Hz, (n,), of the lines on which quick fits of changes are made: up to 300, evenly chosen."""
+        """Frequencies in Hz, (n,), of the lines on which quick fits of changes are made.
+
+        The chosen ones, else up to 300 lines of the record, evenly chosen.
+        """
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency
@@ -136,7 +139,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
     output_std, omega_std = shape_std[:, kept], 2 * np.pi * frequency_std[kept]
 
     def record(level: float) -> FrfRecord:
-        """The FRFs of the modes, with variances, on lines whose decay is `level` times their angular frequency."""
+        """FRFs of the modes, with variances, on lines whose decay is `level` times their angular frequency."""
         decay = level * 2 * np.pi * lines
         s = (decay + 2j * np.pi * lines)[:, None]
         of_mode, undamped = (1 / (s**2 + 2 * s * one[kept] * omega + omega**2) for one in (likely, damping))

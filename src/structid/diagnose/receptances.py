@@ -184,7 +184,10 @@ class Receptances:
 
     @cached_property
     def factor(self) -> ComplexArray:
-        """Factor by which receptances become FRFs of the record's kind, channel errors included; it broadcasts to `frf`."""
+        """Factor (n_lines, ...) by which receptances become FRFs of the record's kind, channel errors included.
+
+        It broadcasts to `frf`, (n_lines, n_outputs, n_inputs).
+        """
         kind = (self.laplace ** DERIVATIVES[self.problem.record.kind])[:, None, None]
         channels = self.problem.channels
         found: ComplexArray = kind if channels is None else kind * channels.factor(self.channel_values, self.laplace)

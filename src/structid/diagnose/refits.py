@@ -268,9 +268,10 @@ def _is_no_gain(base: FittedModel, fitted: FittedModel) -> bool:
 def fit_mirrored(
     base: FittedModel, item: tuple[Task, NearFitTask | RefitTask, StoredFit], tools: TaskContext
 ) -> StoredFit:
-    """The fit of a change that may mirror another: the other's fit where the misfit there is equal, else a fit by `task`.
+    """Fit of a change that may mirror another: the other's fit if the misfit there is equal, else a fit by the task.
 
-    Changes at mirrored positions of a symmetric structure have equal fits, which one residual shows.
+    Changes at mirrored positions of a symmetric structure have equal fits, which one residual shows: the sums of
+    squares must agree to 1e-9. A dict as of the task.
 
     Parameters
     ----------
@@ -312,7 +313,8 @@ def _fits_alone(base: FittedModel, candidate: Candidate) -> bool:
 def _stored(fitted: FittedModel) -> StoredFit:
     """Numbers and texts of a fit and its last change, for a checkpoint.
 
-    Those of its tolerance test are there only if the free variables of that test are known.
+    Keys are ``where``, ``strength``, ``theta``, ``chi_square`` and ``left_out``; if the free variables of its tolerance
+    test are known, also ``chi_square_within``, ``theta_within`` and ``is_rejected``.
     """
     candidate, strength, _ = fitted.modified.changes[-1]
     stored: StoredFit = {

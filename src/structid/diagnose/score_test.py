@@ -96,7 +96,10 @@ class Point:
         return float(self._base @ self._base)
 
     def candidates(self, record_names: Sequence[str]) -> list[Candidate]:
-        """All candidates whose effects follow from the receptances; `record_names` has the name of each record, in order."""
+        """All candidates whose effects follow from the receptances; made at the first call, then cached.
+
+        `record_names` has the name of each record, in order.
+        """
         key = tuple(record_names)
         if key not in self._candidates:
             self._candidates[key] = candidates(self.records, record_names)

@@ -131,13 +131,13 @@ def search_causes(base: FittedModel, work: TaskExecutor = SERIAL, budget: Search
         Runs the fits, in this process or in others.
     budget : SearchBudget
         Effort of the search, three quarters of it for the first causes and the rest for second ones. Other pairs are
-        looked for as long as it suffices for one more.
+        searched for as long as it suffices for one more.
 
     Returns
     -------
     Explanation
-        Without causes, and with `better`, where another start of the unchanged study leaves only noise. Of large models only a
-        few changes are fitted, and no second ones.
+        Without causes, and with `better`, where another start of the unchanged study leaves only noise. Of large models
+        only a few changes are fitted, and no second ones.
     """
     base = replace(base, modified=replace(base.modified, fit_limits=budget.fit_limits))
     if base.modified.is_large:
@@ -329,7 +329,10 @@ def _alone(explanation: Explanation, fitted: FittedModel, work: TaskExecutor) ->
 
 
 def _from_elsewhere(base: FittedModel) -> FittedModel | None:
-    """The unchanged study fitted anew from its quick fit; None if that fails, or leaves 90 % of the chi-square or more."""
+    """Unchanged study fitted anew from the end of its quick fit and from its fit; None if that fails.
+
+    None too if it leaves 90 % of the chi-square or more.
+    """
     if not base.near_path:
         return None
     try:
@@ -664,8 +667,8 @@ def with_freed(base: FittedModel, names: Sequence[str], tried: int, work: TaskEx
 def requested_changes(base: FittedModel, work: TaskExecutor = SERIAL) -> Explanation:
     """Small changes, fitted, that the record of an answer within its noise asks for beyond chance, as an `Explanation`.
 
-    A score test, with a chance of 1 % for all candidates together, selects at most six changes for a fit. Up to 2000 lines
-    count, many more than in the screens of a misfit: what is looked for is far below the noise of any of them.
+    A score test, with a chance of 1 % for all candidates together, selects at most six changes for a fit. Up to 2000
+    lines count, many more than in the screens of a misfit: the changes are far below the noise of any line.
 
     Parameters
     ----------

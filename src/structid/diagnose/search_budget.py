@@ -150,7 +150,10 @@ class SearchBudget:
         return Expense(METER.reading - self.effort_begun, processor_seconds() - self.seconds_begun)
 
     def allows(self, needed: Expense, fraction: float = 1.0) -> bool:
-        """True if more effort and processor time are left than `fraction` times `needed`, where they are limited."""
+        """True if more effort and processor time are left than `fraction` times `needed`, where they are limited.
+
+        True too if neither is limited.
+        """
         if np.isfinite(self.effort):
             effort_left = self.effort - (METER.reading - self.effort_begun)
             if not effort_left > fraction * needed.effort:

@@ -203,7 +203,7 @@ def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
 
 
 def _select_lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
-    """The problem on the lines where `keep` (n_lines,) is True; None if it cannot be cut, or has fewer than 16."""
+    """Problem on the lines where `keep` (n_lines,) is True; None if it cannot be cut, or keeps fewer than 16 lines."""
     if keep.sum() < FEWEST_PART_LINES:
         return None
     cut = problem.with_lines(np.flatnonzero(keep))

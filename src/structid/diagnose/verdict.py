@@ -477,7 +477,11 @@ def _fixes_stiffness(problem: RecordProblem) -> bool:
 
 
 def data_disagreements(identification: Identification, work: TaskExecutor = SERIAL) -> tuple[Disagreement, ...]:
-    """Pairs of parts of the data of an identification whose fits do not agree; empty for a search without a Jacobian."""
+    """Pairs of parts of the data of an identification whose fits do not agree; empty for a search without a Jacobian.
+
+    `work` runs the fits. Parts are halves of the band and of the sensors; fixed values are free within their
+    tolerances.
+    """
     if identification.target is None:
         return ()
     theta = identification.estimate.theta
@@ -705,7 +709,7 @@ def _several(sets: Alternatives) -> Judgement:
 
 
 def _untested(identification: Identification) -> Judgement:
-    """The verdict "untested": there are no more data than parameters, so that any model fits."""
+    """Verdict "untested", in words: too few data are left beyond the parameters, so that any model fits."""
     estimate, goodness = identification.estimate, identification.estimate.goodness
     parameters = plural(len(estimate.names), "parameter")
     size = f"{plural(goodness.n_values, 'value')} for" if goodness.n_values else "no more values than"

@@ -639,9 +639,9 @@ def estimate(
         return _refit_once(refits, sampled, searched.names, minimum)
 
     def fits(minimum: Minimum) -> bool:
-        """True if the data allow `minimum`, and it is not an answer accepted before.
+        """True if the data allow `minimum`, and it is not an answer accepted before; then it is accepted.
 
-        Fixed values are free within their tolerances.
+        Fixed values are free within their tolerances, if a misfit asks for that.
         """
         within = refit(minimum)
         if within is None:

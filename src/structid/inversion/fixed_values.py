@@ -249,9 +249,9 @@ class FitWithinTolerances:
     def misfits_chi_square(self, probability: float, scale: float, freedom: float) -> bool:
         """True if the fit within tolerances misses the noise, tested at `probability` against `scale` times chi-square.
 
-        That is so if a fixed value is off by more tolerances than `limit_of` allows, or if noise alone, whose sum of squares is
-        `scale` times chi-square of `freedom` degrees of freedom, exceeds `chi_square` with less than this probability (see
-        `misses_noise`).
+        That is so if a fixed value is off by more tolerances than any would be with this probability, or if noise
+        alone, whose sum of squares is `scale` times chi-square of `freedom` degrees of freedom, exceeds the sum of
+        squares of data and fixed values with less than this probability (see `misses_noise`).
         """
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True

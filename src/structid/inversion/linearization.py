@@ -173,7 +173,8 @@ class OperatorLinearization:
 def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """Function that solves (P'P + D) x = b for sparse prior rows P (n_priors, n_params) and a diagonal D (n_params,).
 
-    Where the diagonal is 0, a small part of that of P'P stands for it, or 1 where both are zero.
+    It takes and gives (n_params,). Where D is 0, 1e-12 of the diagonal of P'P takes its place, or 1 where both are
+    zero.
     """
     from scipy.sparse.linalg import splu
 

@@ -240,8 +240,8 @@ def counted_draws(
 def error_draws(problem: Problem, linearization: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
     """Function of a generator that draws data errors (n_data,): the residual with one random factor for each block of lines.
 
-    The scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, with its correction for few blocks. It gives
-    NaN if there is only one block.
+    The scores J'e then have the covariance sum of g_b g_b', with g_b = J_b' r_b of block b of the residual r and its
+    correction for few blocks (see `model_error_covariance`). The function gives NaN if there is only one block.
 
     References
     ----------

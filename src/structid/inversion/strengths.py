@@ -387,14 +387,15 @@ def _limit_change(new: FloatArray | float, old: FloatArray | float) -> FloatArra
 def prior_share(jacobian: FloatArray, n_data: int) -> FloatArray:
     """Share of each parameter's variance that comes from priors instead of data, (n_params,), 0 to 1; NaN if undetermined.
 
-    With information A of the data, B of the priors and C = (A + B)^-1, C = C A C + C B C, the share is (C B C)_ii / C_ii. For a
-    single parameter it is b / (a + b).
+    With information A of the data, B of the priors and C = (A + B)^-1, C = C A C + C B C, the share is (C B C)_ii /
+    C_ii. For a single parameter it is b / (a + b).
 
     Parameters
     ----------
     jacobian : (n_residuals, n_params) float array
         Whitened, data rows first.
     n_data : int
+        Number of data rows; the rest are priors.
     """
     covariance = inverse_information(jacobian)
     prior = jacobian[n_data:]

@@ -135,9 +135,10 @@ def alternatives_table(sets: Alternatives) -> Table:
 
 
 def varied_table(identification: Identification, varied: Varied) -> Table:
-    """Table of the value of a varying parameter in each record, with its distance from the common value.
+    """Table of the value of a varying parameter in each record, with its distance from the common value in scatters.
 
-    Rows of outlying values are marked "doubtful".
+    `varied` is the parameter; values, standard deviations and 95 % intervals are those of `identification`. Rows of
+    outlying values are marked "doubtful".
     """
     found, ends = identification.estimate, identification.intervals.ends
     header = ("Record", "Parameter", "Unit", "Own value ± std", "95\u00a0% interval", "Scatters from the common value",

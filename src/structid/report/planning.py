@@ -158,7 +158,10 @@ def choice_lines(plan: Plan) -> list[str]:
 
 
 def enough_lines(plan: Plan) -> list[str]:
-    """Two lines of text on how many sensors, lines and averages reach the wanted accuracy; [] if none was wanted."""
+    """Two lines of text on how many sensors, lines and averages reach the wanted accuracy; [] if none was wanted.
+
+    The first is on sensors at all lines, the second on lines with the chosen sensors.
+    """
     enough = plan.enough
     if enough is None:
         return []

@@ -55,7 +55,7 @@ def modes(identification: Identification, axes: Where) -> Picture:
 def model_shapes(identification: Identification, mode: int, axes: Where) -> Picture:
     """Picture of the identified model's shape of `mode` (from 1; 0 for several), on `axes` or, if None, new ones.
 
-    `InputError` if the model has no such shape.
+    `InputError` if the model has no shapes in space, or no mode of this number among the first 24.
     """
     whole = model_shapes_figure(identification.structure, identification.modes)
     if whole is None:
@@ -113,7 +113,7 @@ def stabilization(result: ModesResult, axes: Where) -> Picture:
 def shape(result: ModesResult, mode: int, axes: Where) -> Picture:
     """Picture of the shape of `mode` (from 1) of a modal survey, on `axes` or, if None, new ones.
 
-    `InputError` if there is no such mode.
+    `InputError` if there is no such mode. A shape is drawn at rest and at two opposite phases.
     """
     whole = shapes_figure(result)
     if not 1 <= mode <= len(whole.panels):

@@ -91,7 +91,7 @@ def sensing_page(sensed: SensedMotion, title: str, record: str) -> Page:
 
 
 def sensed_figure(sensed: SensedMotion) -> plot.Figure:
-    """Figure of sensed motion with its 95 % bands, one output at a time."""
+    """Figure of sensed motion with its 95 % bands, one output at a time; element outputs have their SI unit."""
     unit = QUANTITY_UNITS[sensed.motion][0]
     panels = []
     for output, value, std in zip(sensed.outputs, sensed.values.T, sensed.std.T, strict=True):

@@ -140,7 +140,10 @@ class OpenFolder:
         return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **lists}
 
     def stamps(self) -> dict[str, str]:
-        """Modification time (ns) and size (bytes) of each TOML file in the folder, joined by a space, by the file's path."""
+        """Modification time (ns) and size (bytes), joined by a space, of each TOML file in the folder, by path in it.
+
+        Files are searched for up to four levels deep; those that cannot be read are left out.
+        """
         stamps = {}
         for path, _ in self._files()[0]:
             if path.suffix == ".toml":
@@ -217,12 +220,14 @@ class OpenFolder:
         return sorted(files[:most])
 
     def text(self, name: str) -> tuple[str, str]:
-        """Text of the study file `name` (UTF-8) and its digest, see `digest`.
+        """Text of the study file `name` (UTF-8, a byte-order mark left out) and the digest of its bytes.
 
         Raises
         ------
         FileError
             If the file is missing, is no text, or is larger than 50 MB.
+        OutsideError
+            If it lies outside the open folder.
         """
         path = self.inside(name)
         try:

@@ -245,9 +245,10 @@ async def _edit(bench: Workbench, request: Request) -> Response:
 
 
 def _of_study(name: str, **numbers: int) -> Handler:
-    """Handler that calls the worker function `name` for the study in the query; its answer is cached until a file changes.
+    """Handler that calls the worker function `name` for the ``study`` in the query; its answer is cached.
 
-    `numbers` are further integer parameters of the query with their defaults.
+    The cache holds until a file in the study's folder changes. `numbers` are further integer parameters of the query
+    with their defaults.
     """
 
     async def asked(bench: Workbench, request: Request) -> Response:
@@ -274,7 +275,11 @@ def _of_body(name: str, *keys: str) -> Handler:
 
 
 async def _facts(bench: Workbench, request: Request) -> Response:
-    """Answer with kind, channels and findings of a data file, see `facts`; cached until the file changes."""
+    """Answer with kind, channels and findings of a data file, by the worker function ``facts``.
+
+    The body has ``record``, the path of the file, and ``options`` for reading it. The answer is cached until the file
+    changes.
+    """
     body = await request.json()
     path = bench.opened.inside(body["record"])
     stamp = path.stat() if path.is_file() else None
@@ -391,7 +396,9 @@ async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
 async def _start_run(bench: Workbench, request: Request) -> Response:
     """Start a run of a study and answer with its summary.
 
-    If the study runs a solver command that the user has not confirmed, status 428 with that command instead.
+    The body has ``study`` and ``results``, and may have ``resume``, ``replace``, ``explain``, ``seconds`` and
+    ``confirmed``. If the study runs a solver command that the user has not confirmed, status 428 with that command
+    instead; ``confirmed``, with the text that the command came with, confirms it from now on.
     """
     body = await request.json()
     study, confirmed = body["study"], body.get("confirmed", "")
@@ -508,7 +515,11 @@ async def _events(bench: Workbench, request: Request) -> Response:
 
 
 async def _results(bench: Workbench, request: Request) -> Response:
-    """Answer with the main entries of estimate.json, up to 200 files of the results folder, and the address of its report."""
+    """Answer with the main entries of estimate.json (``results``), ``files`` of the folder, and the report's address.
+
+    The latter is ``report``, "" if there is none. At most 200 files are listed, with path and size in bytes.
+    `FileError` if the folder ``results`` in the query has no results.
+    """
     name = request.query_params["results"]
     folder = bench.opened.inside(name)
     estimate = await asyncio.to_thread(read_json, bench.opened.inside(f"{name}/estimate.json"))
@@ -541,9 +552,9 @@ async def _results(bench: Workbench, request: Request) -> Response:
 
 
 def _of_results(name: str) -> Handler:
-    """Handler that calls the worker function `name` for the results folder in the query.
+    """Handler that calls the worker function `name` for the folder ``results`` in the query; its answer is cached.
 
-    Its answer is cached until estimate.h5 or a file beside the folder changes.
+    The cache holds until estimate.h5 or a file in the folder that holds this folder changes.
     """
 
     async def asked(bench: Workbench, request: Request) -> Response:
@@ -557,7 +568,7 @@ def _of_results(name: str) -> Handler:
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
-    """Answer with an HTML report in the open folder; status 404 for any other file."""
+    """Answer with the HTML report ``name`` of the path in the open folder; status 404 for any other file."""
     path = bench.opened.inside(request.path_params["name"])
     if path.suffix != ".html" or not path.is_file():
         return PlainTextResponse("There is no such page.", 404)
@@ -565,7 +576,10 @@ async def _view(bench: Workbench, request: Request) -> Response:
 
 
 async def _download(bench: Workbench, request: Request) -> Response:
-    """Answer with a file of results as a download; `FileError` if it is missing or of a kind that is not served."""
+    """Answer with the file ``path`` of the query as a download.
+
+    `FileError` if it is missing or of a kind that is not served; in folders of exports more kinds are served.
+    """
     path = bench.opened.inside(request.query_params["path"])
     seen = _EXPORTED if path.parent.name.endswith(EXPORTS) else _SEEN
     if not path.is_file() or path.suffix not in seen:
@@ -574,7 +588,10 @@ async def _download(bench: Workbench, request: Request) -> Response:
 
 
 async def _export(bench: Workbench, request: Request) -> Response:
-    """Answer with a results folder as a ZIP archive, which is deleted from the server afterwards; at most 2000 files."""
+    """Answer with the folder ``results`` of the query as a ZIP archive of at most 2000 files.
+
+    The archive is deleted from the server afterwards. `FileError` if the folder has no results.
+    """
     folder = bench.opened.inside(request.query_params["results"])
     if not (folder / "estimate.json").is_file():
         raise FileError(f"{request.query_params['results']}: holds no results")

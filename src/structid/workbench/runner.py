@@ -63,9 +63,10 @@ def _run_command(folder: Path, arguments: list[str]) -> int:
 
 @contextmanager
 def _turn(folder: Path) -> Iterator[bool]:
-    """Context that waits until fewer than `AT_ONCE` runs of the user compute; yields True then, or False if a stop was requested.
+    """Context that waits until fewer than two runs of the user compute; yields True then, or False after a stop.
 
-    `folder` is that of the run, which holds the file ``queued`` while it waits. Without file locks there is no waiting.
+    `folder` is that of the run, which holds the file ``queued`` while it waits; a file ``stop`` there asks it to stop.
+    Runs wait in the order in which they came. Without file locks, or a folder to wait in, there is no waiting.
     """
     try:
         queue = state_folder() / "runs"

@@ -223,7 +223,10 @@ class DeadlineProtocol(H11Protocol):
         self._await_headers()
 
     def data_received(self, data: bytes) -> None:
-        """Handle the bytes `data`; the time limit for headers starts with each request, and is not extended by each byte."""
+        """Handle the bytes `data` of a connection.
+
+        The time limit for headers (10 s) starts with each request, and is not extended by further bytes.
+        """
         super().data_received(data)
         if self.conn.their_state is not h11.IDLE:
             self._stop_waiting()

@@ -42,7 +42,10 @@ class FaultyChannel(Candidate):
                 yield cls(where=(name,), record=number, others=tuple(other for other in outputs if other != name))
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """A mask (n_data,) of the data rows that come from the sensor; `problem` is that of its record."""
+        """Mask (n_data,) of the data rows of `problem` that come from the sensor `self.where[0]`.
+
+        `problem` is that of the candidate's record.
+        """
         channels = [name.split("/")[0].removeprefix("shape at ").rstrip("+-") for name in problem.rows.names]
         is_it = np.array([channel == self.where[0] for channel in channels])
         taken: np.ndarray = is_it[np.unique(problem.rows.series, return_inverse=True)[1]]

@@ -30,7 +30,11 @@ class Channel(NamedTuple):
 
 
 def channels(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Receptances, Channel]]:
-    """Pairs (receptances of the record, channel) of every sensor (axis 1) or load (axis 2) of all records."""
+    """Pairs (receptances of the record, channel) of every sensor (`axis` 1) or load (`axis` 2) of all records.
+
+    `records` are the receptances of each record. A channel has the index of its record and of itself, from 0, and the
+    number of channels of its kind.
+    """
     for number, receptances in enumerate(records):
         dofs = receptances.problem.record.outputs if axis == 1 else receptances.problem.record.inputs
         for index, dof in enumerate(dofs):

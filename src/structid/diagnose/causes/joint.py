@@ -89,7 +89,8 @@ class FlexibleJoint(Candidate):
 def _couplings(receptances: Receptances, columns: Sequence[_Column]) -> tuple[ComplexArray, ComplexArray]:
     """Dynamic stiffness between a released element end and the free degrees of freedom, and that of the end alone.
 
-    Shapes are (n_lines, n_dofs) and (n_lines,). `columns` are those of the element's matrices for the released rotation.
+    Shapes are (n_lines, n_dofs) and (n_lines,). `columns` are those of the element's matrices for the released
+    rotation, one for each matrix, with its kind and loss factor.
     """
     coupling = np.zeros((len(receptances.laplace), receptances.structure.n_dofs), dtype=np.complex128)
     own = np.zeros(len(receptances.laplace), dtype=np.complex128)

@@ -47,7 +47,7 @@ class OutlyingLines(Candidate):
         return tuple((float(low), float(high)) for low, high in pairs)
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """A mask (n_data,) of the data rows on the outlying lines; `problem` is that of the record."""
+        """Mask (n_data,) of the data rows of `problem`, that of the record, on the outlying lines in `self.where`."""
         is_out = np.zeros(len(problem.frequency), dtype=bool)
         for low, high in self._spans:
             is_out |= (problem.frequency >= low) & (problem.frequency <= high)

@@ -250,7 +250,8 @@ def _exchanged(comparison: AlignedFrf, misfits: Sequence[int]) -> list[tuple[int
 def _reciprocity(record: FrfRecord) -> Iterator[str]:
     """Sentences on pairs of channels that are both driven and measured and whose FRFs are not reciprocal.
 
-    They must differ by 5 % and six standard errors in the median, or in sign, on at least eight clear lines.
+    They must differ by 5 % and six standard errors in the median magnitude, or in sign, on at least eight lines on
+    which both are clear of the noise.
     """
     sensors = {dof.unsigned: o for o, dof in enumerate(record.outputs)}
     loads = {dof.unsigned: i for i, dof in enumerate(record.inputs)}

@@ -109,7 +109,7 @@ class MeshErrors:
 
     @property
     def finding(self) -> str:
-        """A clause on the mode that is farthest off, or on modes that the mesh lacks; "" where the mesh is fine enough."""
+        """Clause on modes that the mesh lacks or, without any, on the mode farthest off; "" if it is fine enough."""
         if not self.needed and not self.passed_over.size:
             return ""
         if self.passed_over.size:

@@ -66,7 +66,10 @@ class AtBound:
 
     @property
     def words(self) -> str:
-        """Sentence with the bound that a parameter is at, how strongly the data push beyond it, and a remedy."""
+        """Sentence with the bound that a parameter is at, and how strongly the data push beyond it.
+
+        If they push by more than chance, a remedy is added.
+        """
         unit = "" if self.unit == "1" else f" {self.unit}"
         sentence = f"{self.name} is at its {self.side} bound {self.limit:.6g}{unit}"
         if not self.is_pushed:

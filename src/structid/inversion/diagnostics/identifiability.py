@@ -125,10 +125,11 @@ def identifiability(
 
 
 def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
-    """Sentence on which parameters an undetermined direction of relative change involves.
+    """Sentence on which parameters an undetermined direction of relative change involves, and what is determined.
 
-    `vector` (n_params,) is the direction, `values` (n_params,) the physical parameters. Parameters with an entry above 0.1
-    of the largest count.
+    `vector` (n_params,) is the direction, `values` (n_params,) the physical parameters, `names` their names. Parameters
+    with an entry above 0.1 of the largest count. Determined may be a sum or series of parameters of one kind, ratios,
+    or a common scale with channel gains; else the direction itself is written out.
 
     Examples
     --------

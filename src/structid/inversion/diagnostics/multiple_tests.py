@@ -19,7 +19,10 @@ Correction = Literal["holm", "benjamini_hochberg"]
 
 
 def require_levels(level: float, power: float, correction: str) -> None:
-    """Raise `InputError` unless 0 < level < 0.5, 0.5 <= power < 1 and `correction` is a known one."""
+    """Raise `InputError` unless 0 < level < 0.5, 0.5 <= power < 1 and `correction` is a known one.
+
+    Known are "holm" and "benjamini_hochberg".
+    """
     if not 0 < level < 0.5:
         raise InputError(f"`level` must lie between 0 and 0.5, got {level:g}; 0.05 is usual")
     if not 0.5 <= power < 1:

@@ -103,7 +103,11 @@ class ResidualTests:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Sentences on what the residual tests object to in the fit; empty if nothing."""
+        """Sentences on what the residual tests object to in the fit, at a probability below 0.001; empty if nothing.
+
+        Objections are a size beyond noise either way, channels that are not white, signs in long runs, and a residual
+        that is not normal.
+        """
         said = []
         if self.chi_square_probability < _DOUBT:
             said.append(
@@ -152,14 +156,15 @@ def residual_tests(
     residual : (n_residuals,) float array
         Data rows first; rows of priors are not tested.
     degrees_of_freedom : float
-        Of chi-square.
+        Degrees of freedom of chi-square; without any the tests of its size and of normality are NaN.
     fixed_squares : float
-        Sum of squares of the fixed values, in tolerances, if they are free in the fit; it is added to chi-square, since each
-        of them takes a degree of freedom and brings one.
+        Sum of squares of the fixed values, in tolerances, if they are free in the fit; it is added to chi-square, since
+        each of them takes a degree of freedom and brings one.
 
     Returns
     -------
     ResidualTests
+        With one test for each channel, named ``series 0`` and so on in the order of `problem.rows.series`.
 
     Notes
     -----
@@ -211,7 +216,7 @@ def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> f
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
     """Tests of one residual series (n,) in order of lines: lag-1 correlation, periodogram and runs.
 
-    Results are NaN (and 0 runs) if it has fewer than `_FEWEST_ROWS` values or is constant. `name` is that of the series in the
+    Results are NaN (and 0 runs) if it has fewer than 20 values or is constant. `name` is that of the series in the
     result.
     """
     n, nan = len(values), float("nan")

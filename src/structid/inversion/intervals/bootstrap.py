@@ -200,7 +200,9 @@ def _refit_replicate(
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
 
-    `shared` holds the problem, the free variables of the estimate, the residual there, and the kind of bootstrap.
+    `shared` holds the problem, the free variables of the estimate, the residual there, and the kind of bootstrap:
+    "noise" draws new errors, "blocks" changes the signs of the residual by blocks. A search that does not converge has
+    failed. `tools` runs it.
     """
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))

@@ -365,10 +365,11 @@ class _Side:
         return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
     def _fit_others(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
-        """Fit with the free variable of the parameter held at `at`; None if it fails.
+        """Fit with the free variable of the parameter fixed at the value `at`; None if it fails.
 
-        Returns all free variables (n_params,), the deviance and its slope. The search starts from `theta` (n_params,), moved
-        along the tangent.
+        Returns all free variables (n_params,), the deviance (increase of the sum of squares over `self.scale`) and its
+        slope by the fixed variable. The search starts from `theta` (n_params,), shifted along the tangent if the model
+        can be evaluated there.
         """
         others = np.delete(theta, self.index)
         others_free = FixedVariables(self.problem, np.array([self.index]), np.array([at]))

@@ -244,9 +244,10 @@ class _Target:
         return float(residual @ residual), float(np.log(np.abs(self.problem.slope(self.centre))).sum())
 
     def __call__(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Log posterior density and its gradient (n_params,) at `x` (n_params,) in whitened coordinates.
+        """Log posterior density, relative to that at the centre, and its gradient at whitened coordinates `x`.
 
-        Minus infinity and a gradient of zeros where the model cannot be evaluated.
+        The free variables are `self.centre` plus `self.factor` times `x`; `x` and the gradient are (n_params,). Minus
+        infinity and a gradient of zeros where the model cannot be evaluated.
         """
         (least, log_slope), none, theta = self._at_centre, np.zeros(len(x)), self.centre + self.factor @ x
         try:

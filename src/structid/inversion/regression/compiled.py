@@ -55,7 +55,8 @@ class Rows(NamedTuple):
 def _products(b, left, right, count, sums):
     """`sums` plus the inner products of the rows of `b` that begin at `left` with those that begin at `right`.
 
-    `b` is a flat array, the rows are `count` samples long, and `sums` is a flat tuple, one for each pair of rows.
+    `b` is a flat array, `left` and `right` are tuples of indices in it, the rows are `count` samples long, and `sums`
+    is a flat tuple with a number for each pair of rows, in the order of `left` and then `right`.
     """
     for t in range(uint64(count)):
         for i in range(len(left)):
@@ -70,7 +71,8 @@ def _products(b, left, right, count, sums):
 def _combine(b, rows, fields, sources, factors, count, fresh):
     """Add to rows of the flat array `b` the weighted sums of rows of the flat array `fields`; with `fresh`, replace them.
 
-    Rows begin at `rows` and `sources` and are `count` samples long; `factors` holds len(rows) times len(sources) weights.
+    Rows begin at the indices `rows` in `b` and `sources` in `fields` and are `count` samples long; `factors` holds
+    len(rows) times len(sources) weights, those of the first of `rows` first.
     """
     x = factors[: len(sources)]
     for t in range(uint64(count)):

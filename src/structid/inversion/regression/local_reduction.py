@@ -60,7 +60,10 @@ class FoldingKernels:
         return self.engine == "numba" or (self.engine == "auto" and size >= COMPILED_FROM and has_numba())
 
     def words(self, size: int) -> str:
-        """Name of the engine used for work of this `size` (samples times blocks), with version and number of threads."""
+        """Name of the engine used for work of this `size` (samples times blocks).
+
+        For numba with version and number of threads; for NumPy with a hint if numba is not installed but would be used.
+        """
         if not self.compiled(size):
             return "NumPy" if has_numba() or self.engine == "numpy" else "NumPy (structid[fast] would compile it)"
         import numba

@@ -372,6 +372,7 @@ def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = _DENSE_BY
     Parameters
     ----------
     n_params, n_data : int
+        Numbers of parameters and of data rows: the search takes 32 n_params (n_data + n_params) bytes.
     dense_bytes : float
         Memory that a dense search may take.
     """

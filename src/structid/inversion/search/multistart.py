@@ -234,10 +234,10 @@ class _GroupedMinima:
     distinct: list[tuple[Minimum, bool]] = field(default_factory=list)
 
     def add(self, minimum: Minimum) -> bool:
-        """Add `minimum` if it is new, and return True if the data allow it.
+        """Add `minimum` if it is new, and return True if the data allow it or the known minimum that it repeats.
 
-        A minimum within three posterior standard deviations of another is not new. Searches that did not converge count as not
-        allowed.
+        A minimum within three posterior standard deviations of another is not new. A search that did not converge is
+        not added, and gives False.
         """
         if not minimum.converged:
             return False
@@ -265,9 +265,9 @@ def _wide_minima(
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
 
-    Each minimum comes with its number of iterations. They are complete if no further one is expected before
-    `wide_starts` run out. `path` is the continuation path of each search, `start` (n_params,) the centre of the starts
-    in free variables; `grouped` takes the new minima.
+    Each minimum comes with its number of iterations. Random starts lie within a factor of five of `start`. The minima
+    are complete if no further one is expected before `search.wide_starts` run out. `path` is the continuation path of
+    each search, `start` (n_params,) the centre of the starts in free variables; `grouped` takes the new minima.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -515,8 +515,9 @@ def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Mi
     ----------
     problem : Problem
     minimum, other : Minimum
+        Ends of searches.
     end, other_end : (n_params,) float arrays
-        Free variables of their refits.
+        Free variables of the refits of `minimum` and of `other`. Distances are in sizes of the parameters at `minimum`.
     """
     if are_same(other, minimum):
         return False

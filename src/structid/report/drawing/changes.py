@@ -179,7 +179,9 @@ def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
 def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
     """Relative change of each element in its properties of these `kinds`, by (element set, row).
 
-    Elements without parameters are left out; of several properties the largest change counts.
+    Elements without parameters are left out. Of several properties the largest change counts, significant ones (beyond
+    the 95 % interval) first, and all texts are joined; the change is identified if all parameters are. NaN where the
+    initial value is 0.
     """
     before, after = answer.parameters.values(answer.initial), answer.parameters.values(answer.values)
     design = answer.parameters.design.tocsr()

@@ -334,7 +334,7 @@ def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str
 def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
     """Arrow of a sensor, which starts at its node, or with `is_load` of a load, which ends there.
 
-    Those of rotations have two heads or are curved.
+    Rotations have two heads, or a curved arrow about the axis normal to a plane structure.
     """
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))

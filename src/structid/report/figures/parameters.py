@@ -135,7 +135,7 @@ def correlation_figure(identification: Identification) -> plot.Figure:
 def convergence_figure(identification: Identification) -> plot.Figure:
     """Figure of parameters divided by their initial values over the iterations of all stages of the search.
 
-    The seven that changed most have a colour and a name, the others are grey.
+    The seven that changed most in ratio have a colour and a name, all further ones are grey.
     """
     estimate = identification.estimate
     courses = [stage.history for stage in estimate.search.stages] or [estimate.search.history]

@@ -161,7 +161,10 @@ def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[s
 
 
 def shapes_figure(result: ModesResult) -> plot.Figure:
-    """Animated figure of the mode shapes of a modal survey, one at a time or several small ones."""
+    """Animated figure of the mode shapes of a modal survey, one at a time, or at most 24 small ones.
+
+    With the survey's geometry they are drawn in space, else over the sensors in a row.
+    """
     scene, is_row = mode_scene(result.modes, result.geometry), result.geometry is None
     x, y, *deep = scene.axes
     panels = []

@@ -67,7 +67,10 @@ class Arrays:
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """List of `values` (n,) rounded to six significant digits, with None for values that are not finite."""
+    """List of `values` (n,) rounded to six significant digits, with None for values that are not finite.
+
+    Zero stays zero.
+    """
     given = np.asarray(values, dtype=np.float64)
     finite = np.isfinite(given)
     size = np.abs(np.where(finite & (given != 0), given, 1.0))

@@ -89,9 +89,9 @@ def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
 
 
 def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Figures to be drawn as pictures, by name, from `figures`: one for each, or for each strip if panels have several.
+    """Figures to be drawn as pictures, by name: one for each of `figures`, or for each strip if panels have several.
 
-    The name of a strip is appended to that of its figure.
+    The name of a strip is appended, with an underscore, to that of its figure.
     """
     strips_by_name = {}
     for name, figure in figures.items():

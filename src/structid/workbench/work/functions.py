@@ -88,7 +88,8 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
 def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> StoredEntry:
     """Write a new study to `path` in the folder, and return ``{"path": path}``, with the suffix of a study added if missing.
 
-    `template` is a name in `TEMPLATES`; `numbers` are the template's values by name.
+    `template` is a name in `TEMPLATES`; `numbers` are the template's values by name. `InputError` if there is no such
+    template.
     """
     from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
 
