@@ -20,13 +20,15 @@ def lazy(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package from its stub, which type checkers read as well.
 
+    Public names are imported at their first use, submodules too.
+
     Parameters
     ----------
     package, file : str
-        `__name__` and `__file__` of the package. Beside the file is its stub, with one line
-        ``from module import name as name`` for every public name.
+        `__name__` and `__file__` of the package. Beside the file is its stub (.pyi), with one line ``from module import
+        name as name`` for every public name.
     gone : mapping of str to str
-        What takes the place of names that were public once.
+        What takes the place of names that were public once; their use is an `ImportError` that says it.
     """
     stub = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
@@ -34,7 +36,10 @@ def lazy(
     names = sorted(module_of)
 
     def load(name: str) -> Any:
-        """The public object `name` of the package, imported at its first use; `AttributeError` if there is none."""
+        """The public object or submodule `name` of the package, imported at its first use.
+
+        `ImportError`, which says what to use, for a name that is gone; `AttributeError` if there is none.
+        """
         if name in module_of:
             value = getattr(import_module(module_of[name]), name)
             setattr(sys.modules[package], name, value)

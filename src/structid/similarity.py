@@ -228,9 +228,11 @@ def _as_columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
 def _paired_columns(
     first: ArrayLike, second: ArrayLike
 ) -> tuple[NDArray[np.inexact], NDArray[np.inexact], NDArray[np.bool_]]:
-    """Two sets of shapes with columns of unit norm, the second in phase with the first, and a mask of entries known in both.
+    """Two sets of shapes with columns of unit norm, the second in phase with the first, and a mask of common entries.
 
-    All are (n_channels, n_shapes). Entries that are NaN in either set become 0, also where a pair has no common entry.
+    The mask is True where an entry is known in both. All are (n_channels, n_shapes). Entries that are NaN in either set
+    become 0, also where a pair has no common entry. `InputError` if the sets differ in size or a column is zero
+    throughout.
     """
     x, y = _as_columns("first", first), _as_columns("second", second)
     if x.shape != y.shape:
@@ -306,7 +308,7 @@ def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency domain assurance criterion (FDAC): `mac` of the response shapes under each load at each pair of frequencies.
+    """Frequency domain assurance criterion (FDAC): `mac` of response shapes under each load at pairs of frequencies.
 
     FDAC(w, v)_i = |sum_o x_oi(w)^* y_oi(v)|^2 / (sum_o |x_oi(w)|^2  sum_o |y_oi(v)|^2). For a model that is too stiff
     throughout, the ridge of ones lies beside the diagonal.
@@ -326,7 +328,7 @@ def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
     Raises
     ------
     InputError
-        If outputs or loads differ in number.
+        If outputs or loads differ in number, or a value is not finite.
 
     References
     ----------
@@ -405,7 +407,10 @@ class Pairing:
         return np.flatnonzero(self.number < 0)
 
     def partners(self, mode: int) -> tuple[int, ...]:
-        """Indices of all model modes that are compared with the measured mode `mode`; () if it has no counterpart."""
+        """Indices, from 0, of all model modes that are compared with the measured mode `mode`.
+
+        () if it has no counterpart. They are several for a mode of a group of close modes.
+        """
         for measured, model in self.groups:
             if mode in measured:
                 return model
@@ -465,14 +470,14 @@ def pair_modes(
 ) -> Pairing:
     """Pairs of measured modes and model modes, each used once, with the largest sum of `pairing_worth`.
 
-    Measured modes with neighbouring frequencies within `closeness` form a group, compared as a subspace with their model modes
-    and other model modes close to these, where single shapes cannot be distinguished.
+    Measured modes with neighbouring frequencies within `closeness` form a group, compared as a subspace with their
+    model modes and other model modes close to these, where single shapes cannot be distinguished.
 
     Parameters
     ----------
     measured_frequency, model_frequency : (n_measured,) and (n_model,) arrays
-        Frequencies in Hz, ascending. Model modes below a thousandth of the lowest measured frequency (rigid bodies) are left
-        out.
+        Frequencies in Hz, ascending. Model modes below a thousandth of the lowest measured frequency (rigid bodies) are
+        left out.
     measured_shapes, model_shapes : (n_channels, n_measured) and (n_channels, n_model) arrays, real or complex
         Shapes at the same channels. Unknown entries of measured shapes are NaN and left out, in a group for all of its
         modes. A mode without a known entry is paired by frequency alone.
@@ -481,11 +486,14 @@ def pair_modes(
     closeness : float
         Relative distance of neighbouring frequencies within which modes are close.
     frequency_guard : float
-        Distance |ln(f_model / f_measured)| at which a pair is worth half as much; beyond three times that there is none.
+        Distance |ln(f_model / f_measured)| at which a pair is worth half as much; beyond three times that there is
+        none.
 
     Returns
     -------
     Pairing
+        Model mode of each measured mode (from 0; -1 without a pair), groups, rivals that fit nearly as well, and model
+        modes in the measured range that are in no pair.
 
     Raises
     ------
@@ -494,8 +502,8 @@ def pair_modes(
 
     References
     ----------
-    Allemang (2003), Sound and Vibration 37(8), 14-23; Knyazev and Argentati (2002) for angles between spans; Kuhn (1955)
-    for the assignment.
+    Allemang (2003), Sound and Vibration 37(8), 14-23; Knyazev and Argentati (2002) for angles between spans;
+    Kuhn (1955) for the assignment.
     """
     f, g = (np.asarray(given, dtype=np.float64) for given in (measured_frequency, model_frequency))
     x, y = np.asarray(measured_shapes), np.asarray(model_shapes)
@@ -558,8 +566,9 @@ def _extend_group(
 ) -> list[int]:
     """Sorted indices of the model modes of a group: the partners of `members`, and unpaired modes close to these.
 
-    The latter need enough MAC with a member. `number` (n_measured,) is the paired model mode or -1, `likeness` the MAC
-    (n_measured, n_model), `frequency` (n_model,) that of the model, and `closeness` a relative distance of frequencies.
+    The latter need a MAC of 0.1 or more with a member, and count as close if they are near one that was taken before.
+    `number` (n_measured,) is the paired model mode or -1, `likeness` the MAC (n_measured, n_model), `frequency`
+    (n_model,) that of the model, and `closeness` a relative distance of frequencies.
     """
     chosen = [int(k) for k in number[members] if k >= 0]
     others = set(number.tolist()) - set(chosen)
@@ -576,8 +585,9 @@ def _find_ambiguous(
 ) -> dict[int, tuple[int, ...]]:
     """Model modes that fit nearly as well as the partner, by measured mode; modes without such rivals are left out.
 
-    `number` (n_measured,) is the paired model mode or -1, `likeness` (MAC) and `worth` are (n_measured, n_model).
-    Measured modes in `grouped`, and rivals with a MAC below `least_mac`, do not count.
+    A rival has a worth of at least 0.8 of the partner's and a MAC of at least `least_mac`. `number` (n_measured,) is
+    the paired model mode or -1, `likeness` (MAC) and `worth` (of a pair) are (n_measured, n_model). Measured modes in
+    `grouped` do not count.
     """
     ambiguous = {}
     for i, k in enumerate(number.tolist()):

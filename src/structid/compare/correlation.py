@@ -63,10 +63,15 @@ class StudyCorrelation:
 def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None = None) -> StudyCorrelation:
     """Compare the records of `study` with its model, at the start values or at the values of a results folder.
 
+    The result has a comparison of modes for each record of modes, and one of FRFs for each other record. Nothing is
+    estimated.
+
     Parameters
     ----------
     study : Study
+        Study whose records are read here.
     options : CorrelateOptions
+        Least MAC of a pair, reduction and expansion of modes.
     at : Path, optional
         Results folder of `structid identify`; its values replace start values of the same names.
 
@@ -243,7 +248,10 @@ def _responses_summary(correlation: ResponsesCorrelation) -> dict[str, StoredEnt
 
 
 def expanded_record(correlation: ModesCorrelation) -> ModalRecord | None:
-    """The measured modes as a record with shapes at all degrees of freedom at nodes of the model; None without an expansion."""
+    """The measured modes as a record with shapes at all degrees of freedom at nodes of the model.
+
+    None without an expansion. Standard deviations of the shapes are left out unless all known entries have one.
+    """
     if correlation.expanded is None:
         return None
     in_model = np.array([dof.node in correlation.structure.nodes for dof in correlation.structure.dofs])

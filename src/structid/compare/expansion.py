@@ -124,14 +124,14 @@ def expand(
 ) -> ExpandedShapes:
     """Measured shapes psi = S' x + n, known at sensors, expanded to shapes x = G psi at all degrees of freedom.
 
-    SEREP takes G = Phi_b (S' Phi_b)^+ with the modes b of `basis`: shapes are sums of those modes. The dynamic expansion
-    takes the motion at the measured frequency without force where no sensor is, see `constrained_shapes`.
+    SEREP takes G = Phi_b (S' Phi_b)^+ with the modes b of `basis`: shapes are sums of those modes. The dynamic
+    expansion takes the motion at the measured frequency without force where no sensor is, see `constrained_shapes`.
 
-    The error of x is (I - G S') e - G n. Noise n has the covariance diag(`shape_std`)^2. An error of the model turns its
-    mode r towards the others, e = q sum_j c_j phi_j; with a `model_error` of eps its stiffness errs between two modes by
-    phi_j' dK phi_r = E_jr omega_j omega_r, E_jr of standard deviation eps, so that std(c_j) = eps omega_j omega_r /
-    |omega_j^2 - omega_r^2|, and never above 1, to first order. Far above r it is c = -(I + E)^-1 E_r, whose variance n modes
-    together raise by 1 + 3 n eps^2, to second order. q is the part of phi_r in x.
+    The error of x is (I - G S') e - G n. Noise n has the covariance diag(`shape_std`)^2. An error of the model turns
+    its mode r towards the others, e = q sum_j c_j phi_j; with a `model_error` of eps its stiffness errs between two
+    modes by phi_j' dK phi_r = E_jr omega_j omega_r, E_jr of standard deviation eps, so that std(c_j) = eps omega_j
+    omega_r / |omega_j^2 - omega_r^2|, and never above 1, to first order. Far above r it is c = -(I + E)^-1 E_r, whose
+    variance n modes together raise by 1 + 3 n eps^2, to second order. q is the part of phi_r in x.
 
     Parameters
     ----------
@@ -145,15 +145,21 @@ def expand(
     modes : Modes
         Modes of the model: those of `basis`, and those that an error of the model may bring in.
     basis : sequence of sequence of int
-        For each measured shape the model modes b, counted from 0, its partner first. Modes that the sensors do not tell from
-        earlier ones are not used.
+        For each measured shape the model modes b, counted from 0, its partner first. Modes that the sensors cannot
+        distinguish from earlier ones are not used.
     shape_std : (n_channels, n_modes) float array, optional
         Standard deviation of every entry; from the residual of SEREP where sensors are more than modes, else unknown.
     model_error : float
-        eps, relative. Elements that are each off by 10 % independently make about 0.1 over the root of their number. It is
-        taken to second order: n eps^2, the relative variance of a stiffness error, is to stay below 0.1.
+        eps, relative. Elements that are each off by 10 % independently make about 0.1 over the root of their number. It
+        is taken to second order: n eps^2, the relative variance of a stiffness error, is to stay below 0.1.
     dynamic : (mass, stiffness), optional
         Matrices (n_dofs, n_dofs) for the dynamic expansion; without them it is SEREP.
+
+    Returns
+    -------
+    ExpandedShapes
+        Shapes and standard deviations (n_dofs, n_modes), residuals and noise at the sensors, and the modes used for
+        each shape. What is unknown is NaN, as is a shape without a known entry.
 
     Raises
     ------
@@ -207,10 +213,10 @@ def expand(
 
 
 def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
-    """Indices from `modes`, in order, of modes whose shapes at the sensors together have a condition number that is not too large.
+    """Indices from `modes`, in order, of those whose shapes at the sensors are distinguishable.
 
-    `seen` (n_channels, n_modes) are the shapes of all modes of the model at the sensors. A mode that depends on earlier ones is
-    left out.
+    Scaled to a largest entry of 1, they together have a condition number of at most 100; a mode that depends on earlier
+    ones is left out. `seen` (n_channels, n_modes) are the shapes of all modes of the model at the sensors.
 
     Raises
     ------

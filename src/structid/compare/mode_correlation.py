@@ -77,10 +77,10 @@ class ModesCorrelation:
 
     @property
     def expansion_sizes(self) -> list[tuple[float, float]]:
-        """Pairs (relative residual at the sensors, relative median deviation) of each expanded shape; empty without an expansion.
+        """Pairs (relative residual at the sensors, relative median deviation) of each expanded shape.
 
-        The residual is relative to the norm of the measured shape, the deviation to the largest entry of the expanded one. NaN
-        where these are zero or unknown.
+        Empty without an expansion. The residual is relative to the norm of the measured shape, the deviation to the
+        largest entry of the expanded one. NaN where these are zero or unknown.
         """
         expanded = self.expanded
         if expanded is None:
@@ -191,9 +191,10 @@ class ModesCorrelation:
         return np.where(number >= 0, ratio, np.nan)
 
     def remark(self, mode: int) -> str:
-        """A remark on the pair of a measured mode (missing, grouped, ambiguous); "" if there is none.
+        """A remark on the pair of a measured mode: missing, a group of close modes, ambiguous, or paired by frequency.
 
-        `mode` counts from 0, the modes in the text from 1.
+        "" if none. `mode` counts from 0, the modes in the text from 1. Of a missing mode it names the nearest mode of
+        the model, and why that is no pair.
         """
         pairing, f, i = self.pairing, self.model.frequency, mode
         has_no_entry = not self.measured.known[:, i].any()
@@ -266,9 +267,10 @@ def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
 
 
 def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
-    """A sentence on the sensor whose reversed sign raises the mean MAC most; empty unless it rises by `_TURNED` or more.
+    """A sentence on the sensor whose reversed sign raises the mean MAC most, in a list.
 
-    Empty as well for fewer than two modes or three sensors, and where the mean MAC stays below the least MAC of a pair.
+    Empty unless it rises by 0.05 or more. Empty as well for fewer than two modes or three sensors, and where the mean
+    MAC stays below the least MAC of a pair.
     """
     use = np.flatnonzero(correlation.pairing.nearness.any(axis=0))
     if correlation.measured.n_modes < 2 or len(correlation.shapes) < 3 or not len(use):
@@ -318,6 +320,7 @@ def correlated_modes(
     record : ModalRecord
         Measured modes; those at 0 Hz are left out.
     options : CorrelateOptions
+        Least MAC of a pair, reduction and expansion.
     settings : ModalSettings
         Only `closeness`, `frequency_guard` and `shape_error` are used.
     name : str
@@ -409,16 +412,16 @@ def _sensor_mass(
     pairing: Pairing,
     options: CorrelateOptions,
 ) -> FloatArray:
-    """Mass matrix reduced to the sensors, (n_sensors, n_sensors), by Guyan or SEREP reduction.
+    """Mass matrix reduced to the sensors, (n_sensors, n_sensors), by Guyan or SEREP reduction, as `options` choose.
 
-    `sensors` (n_dofs, n_sensors) selects their motion, `seen` (n_sensors, n_modes) are the model's shapes at the sensors, and
-    `pairs` the indices of the paired measured modes that SEREP uses. SEREP replaces Guyan for more than 30 000 degrees of
-    freedom.
+    `mass` and `stiffness` are (n_dofs, n_dofs), `sensors` (n_dofs, n_sensors) selects the motion of the sensors, `seen`
+    (n_sensors, n_modes) are the model's shapes there, and `pairs` the indices of the paired measured modes that SEREP
+    uses, at most one a sensor. SEREP replaces Guyan for more than 30 000 degrees of freedom.
 
     Raises
     ------
     InputError
-        If SEREP is used and there is no pair.
+        If SEREP is used and there is no pair, or sensors read the same motion.
     """
     if options.reduction == "guyan" and sensors.shape[0] <= _STATIC_UP_TO:
         return reduced_mass(mass, constrained_shapes(stiffness, sensors))
@@ -429,9 +432,10 @@ def _sensor_mass(
 
 
 def _shape_std(record: ModalRecord, shapes: FloatArray, stated: float) -> FloatArray | None:
-    """Standard deviations of the entries of `shapes`, (n_channels, n_modes); None if the record has none and `stated` is 0.
+    """Standard deviations of the entries of `shapes`, (n_channels, n_modes).
 
-    Those of the record and `stated` times the largest entry of each shape are added as independent errors.
+    None if the record has none and `stated` is 0. Those of the record and `stated` times the largest entry of each
+    shape are added as independent errors, as squares.
     """
     if record.shape_std is None and stated == 0:
         return None

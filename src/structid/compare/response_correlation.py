@@ -79,6 +79,7 @@ def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "")
     Parameters
     ----------
     record : FrfRecord
+        Measured FRFs, of at least three lines.
     model : (n_frequencies, n_outputs, n_inputs) complex array
         FRFs of the model at the lines of the record, of the same kind.
     name : str

@@ -115,21 +115,25 @@ def compare(
 ) -> ComparisonResult:
     """Changes of the parameters from the state `baseline` to the state `later`, with tests of their significance.
 
-    Without unchanged parameters the states are independent estimates. With them, the result of a baseline folder is the prior
-    of the later study, or, where both are studies, all data are fitted at once.
+    Without unchanged parameters the states are independent estimates. With them, the result of a baseline folder is the
+    prior of the later study, or, where both are studies, all data are fitted at once, and it is tested whether they did
+    not change.
 
     Parameters
     ----------
     baseline, later : path
-        A study file, which is run, or a results folder of `structid identify`. With unchanged parameters the later
-        one must be a study.
+        A study file, which is run, or a results folder of `structid identify`. With unchanged parameters the later one
+        must be a study.
     options : CompareOptions, optional
+        Unchanged parameters, level, power and correction of the tests, and least change of interest.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
 
     Returns
     -------
     ComparisonResult
+        Changes with their tests, both states, the basis (independent, carried or joint), warnings and the test of the
+        unchanged.
 
     Raises
     ------
@@ -233,9 +237,11 @@ def _problems_with_free_values(state: State) -> tuple[RecordProblem, ...]:
 def _fixed_in_both(
     baseline: Sequence[RecordProblem], later: Sequence[RecordProblem], shared: Sequence[str]
 ) -> FixedValues | None:
-    """Fixed values of both states with their tolerances, common where they have the same name; None if a state has none.
+    """Fixed values of both states with their tolerances, common where they have the same name.
 
-    `baseline` and `later` are the problems with fixed values among the unknowns, `shared` the parameters common to both states.
+    None if a state has none. `baseline` and `later` are the problems with fixed values among the unknowns, `shared` the
+    parameters common to both states. Where only the later state has a fixed value, or has it for itself, its name gets
+    a suffix.
     """
     if not baseline or not later:
         return None
@@ -280,7 +286,8 @@ def _source(path: Path, progress: StageProgress | None) -> _StudySource | State:
 def _on_one_mesh(sources: Sequence[_StudySource | State], known: Sequence[State] = ()) -> tuple[State, ...]:
     """The states of `sources`, run again until their beams have as many pieces, where that may be chosen.
 
-    What the mesh moves then moves all of them alike. `known` are states of the first sources that were run before.
+    What the mesh changes is then the same in all of them. `known` are states of the first sources that were run before;
+    sources that are states are not run again.
     """
     others = [source if isinstance(source, State) else source.run(1) for source in sources[len(known) :]]
     states, is_alike = [*known, *others], False
@@ -552,7 +559,11 @@ class State:
 
 
 def state_of(result: StudyResult) -> State:
-    """The state of a study, from the result of a run; its verdict is without a search for causes."""
+    """The state of a study, from the result of a run; its verdict is without a search for causes.
+
+    It has the estimate, the digests of the input files, regularizations, structure to draw, warnings on the mesh and
+    the number of pieces of each beam.
+    """
     identification = result.identification
     drawn = DrawableStructure(
         identification.structure, identification.parameters, identification.sensors, identification.loads
@@ -700,16 +711,18 @@ def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequ
 
 
 def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -> Parameters:
-    """The later state's parameters, started at the baseline's values, with its result as the prior of the unchanged ones.
+    """The later state's parameters, started at the baseline's values, with its result as prior of the unchanged ones.
 
     Parameters
     ----------
     baseline : Estimate or StoredEstimate
+        Estimate of the baseline.
     later : Parameters
+        Parameters of the later state; those that the baseline lacks keep their starts.
     unchanged : sequence of str
-        Names; see `unchanged_parameters`. Their prior is the Gaussian of the baseline with all its correlations, so
-        that what the baseline does not know of them is not known later either; without names there is no prior. Pass the
-        same names to `compare_states` as `carried`.
+        Names; see `unchanged_parameters`. Their prior is the Gaussian of the baseline with all its correlations, in
+        logarithms if all values are positive, so that what the baseline does not know of them is not known later
+        either; without names there is no prior. Pass the same names to `compare_states` as `carried`.
 
     Raises
     ------

@@ -62,6 +62,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     Parameters
     ----------
     structure : Structure
+        Model with its initial values.
     unknown : Parameters
         Parameters to be identified; their priors count as information.
     options : PlanOptions
@@ -69,6 +70,12 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolera
     tolerances : Tolerances, optional
         Tolerances of fixed model values and of the calibration. Their contribution to each deviation is reported beside
         that of noise; sensors, loads and lines are chosen by noise alone.
+
+    Returns
+    -------
+    Plan
+        The chosen test beside the installed one, that of effective independence and that of all candidates; best lines
+        and the smallest sufficient test only if the options ask for them.
 
     Raises
     ------
@@ -161,9 +168,9 @@ class _TestSelection:
     def deviations(self, rows: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Relative standard deviations by noise and by tolerances of fixed values, (n_params,) each.
 
-        By tolerances they are those of -(J'J + P)^-1 J'J_h dh, and 0 for parameters that the test does not determine. `rows`
-        (n_rows, n_params) is the whitened Jacobian J of the test; `cross` (n_params, n_fixed) is J'J_h, with J_h that of the
-        fixed values.
+        By tolerances they are those of -(J'J + P)^-1 J'J_h dh, with P the information of the priors, and 0 for
+        parameters that the test does not determine. `rows` (n_rows, n_params) is the whitened Jacobian J of the test by
+        relative changes; `cross` (n_params, n_fixed) is J'J_h, with J_h that of the fixed values.
         """
         known = np.vstack([rows, self.prior])
         bread = inverse_information(known)
@@ -197,7 +204,11 @@ class _TestSelection:
 def _prepare_selection(
     structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances
 ) -> _TestSelection:
-    """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`."""
+    """Information of every pair of candidate sensor and load, and of the priors, at the initial values of `unknown`.
+
+    It also has the mask of the parameters of interest, and products of parameters with fixed values that have one of
+    `tolerances`.
+    """
     fixed = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
         structure,
@@ -219,7 +230,8 @@ def _prepare_selection(
 def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of the sensors and of the loads of the most informative test, in this order, among the candidates.
 
-    The search starts from several choices of loads.
+    The search starts from the best loads for all sensors, and from up to eight sets that begin with the load of most
+    information; the best of the results by the criterion of the options is taken.
     """
     options, known = selection.options, selection.known
     criterion = (options.criterion, selection.of_interest)
@@ -236,9 +248,9 @@ def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...],
 def _exchange_until_stable(
     selection: _TestSelection, loads: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Indices of sensors and of loads, improved in turn by exchanges until neither changes.
+    """Indices of sensors and of loads, improved in turn by exchanges until neither changes, in at most ten rounds.
 
-    `loads` are the indices of the loads to begin with. The number of rounds is limited.
+    `loads` are the indices of the loads to begin with; the first sensors are the best for these.
     """
     options, known = selection.options, selection.known
     criterion = (options.criterion, selection.of_interest)
@@ -253,9 +265,9 @@ def _exchange_until_stable(
 
 
 def _kammer_sensors(selection: _TestSelection, count: int) -> tuple[int, ...]:
-    """Indices of `count` sensors chosen by effective independence (Kammer) of the modes in the band.
+    """Indices of `count` candidate sensors chosen by effective independence (Kammer) of the modes in the band.
 
-    Without a mode in the band, the lowest modes are taken.
+    At most `count` modes are used, the lowest of the band; without a mode in the band, the lowest of all.
     """
     structure, unknown, frequency = (
         selection.candidates.structure,
@@ -299,8 +311,8 @@ def _at_lines(
 ) -> PlannedTest:
     """The test `test` reduced to some of its lines, with its predicted deviations.
 
-    `label` names it in tables, `lines` (n_lines, n_rows, n_params) are the information roots of `line_roots`, and `chosen` the
-    indices of the lines to keep.
+    `label` names it in tables, `lines` (n_lines, n_rows, n_params) are roots R of the information R'R of each line, and
+    `chosen` the indices of the lines to keep.
     """
     index = sorted(chosen)
     cross = np.zeros(selection.cross.shape[2:]) if selection.by_line is None else selection.by_line[index].sum(axis=0)
@@ -312,9 +324,10 @@ def _at_lines(
 def _best_lines(
     selection: _TestSelection, chosen: PlannedTest, lines: FloatArray | None, count: int | None
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
-    """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines; both None if not asked for.
+    """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines.
 
-    `lines` (n_lines, n_rows, n_params) are the information roots of `line_roots`, None if they were not needed.
+    Both None if not asked for. `lines` (n_lines, n_rows, n_params) are roots R of the information R'R of each line. Not
+    asked for is `lines` or `count` None.
     """
     if lines is None or count is None:
         return None, None
@@ -328,7 +341,10 @@ def _best_lines(
 
 
 def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[PlannedTest, ...]:
-    """Tests that add one further candidate sensor to `start`: for at most `_SHOWN_NEXT` sensors of most information, best first."""
+    """Tests that add one further candidate sensor to `start`, for at most ten sensors, that of most information first.
+
+    Sensors that `start` has already are left out.
+    """
     options = selection.options
     sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
     known = np.vstack([selection.known, selection.rows(sensors, loads)])
@@ -341,12 +357,12 @@ def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[Planne
 def _smallest_sufficient(
     selection: _TestSelection, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray
 ) -> SmallestTest:
-    """Fewest sensors, fewest lines and the factor on averages, each of which alone lets the worst deviation reach the target.
+    """Fewest sensors, fewest lines and the factor on averages that alone let the worst deviation reach the target.
 
-    The target is the relative standard deviation of `PlanOptions.target`. Sensors and lines are added greedily; their tests are
-    None if all candidates do not suffice. The factor is that by which `chosen` needs more averages. `loads` are indices of
-    candidates; `lines` (n_lines, n_rows, n_params) are roots R of the information R'R of each line, with the sensors and loads of
-    `chosen`.
+    The target is the relative standard deviation of `PlanOptions.target`. Sensors and lines are added greedily; their
+    tests are None if all candidates do not suffice. The factor is that by which `chosen` needs more averages, below 1
+    if it needs fewer. `loads` are indices of candidates; `lines` (n_lines, n_rows, n_params) are roots R of the
+    information R'R of each line, with the sensors and loads of `chosen`.
     """
     target = float(selection.options.target or 0.0)
 
@@ -443,13 +459,14 @@ class Candidates:
 def pair_roots(candidates: Candidates) -> tuple[FloatArray, FloatArray]:
     """Information of each pair of sensor and load over all lines: triangular roots, and products with fixed values.
 
-    The roots R, with R'R = J'J, are (n_sensors, n_loads, n_params, n_params); the products J'J_h, with J_h the Jacobian of the
-    fixed values, are (n_sensors, n_loads, n_params, n_fixed). Lines are processed in chunks to save memory.
+    The roots R, with R'R = J'J, are (n_sensors, n_loads, n_params, n_params); the products J'J_h are (n_sensors,
+    n_loads, n_params, n_fixed). J and J_h are the whitened Jacobians by relative changes of the parameters and of the
+    fixed values. Lines are processed in chunks to save memory.
 
     Raises
     ------
     InputError
-        If there are so many pairs that their triangles do not fit in memory.
+        If there are so many pairs that their triangles take more than 1.5 GB.
     """
     n_params, n_fixed = candidates.parameters.n_params, len(candidates.tolerance)
     size = 8 * len(candidates.sensors) * len(candidates.loads) * n_params * (n_params + n_fixed)
@@ -472,9 +489,10 @@ def pair_roots(candidates: Candidates) -> tuple[FloatArray, FloatArray]:
 def line_roots(
     candidates: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Information of each line from the sensors and loads with these indices: roots, and products with fixed values.
+    """Information of each line from the candidates `sensors` and `loads`, given by their indices.
 
-    The roots R, with R'R = J'J, are (n_lines, n_rows, n_params); the products J'J_h are (n_lines, n_params, n_fixed).
+    It is held in roots R, with R'R = J'J, (n_lines, n_rows, n_params), and products J'J_h, (n_lines, n_params,
+    n_fixed). J and J_h are the whitened Jacobians by relative changes of the parameters and of the fixed values.
     """
     n_params, n_lines = candidates.parameters.n_params, len(candidates.frequency)
     parts: dict[int, list[FloatArray]] = {}
@@ -541,7 +559,8 @@ def _whitened_sensitivities(
 def _noise_deviation(candidates: Candidates, values: ComplexArray) -> FloatArray:
     """Standard deviation of the real (or imaginary) part of each FRF value, in the shape of `values`.
 
-    `values` is (n_lines, n_sensors, n_loads). A value at rounding level gets the largest value of its line as noise.
+    `values` is (n_lines, n_sensors, n_loads). Relative and absolute noise of the candidates are added as squares. A
+    value below 1e-9 of the largest one of its line gets that as noise.
     """
     size = np.abs(values)
     rounding = _ROUNDING * size.max(axis=(1, 2), keepdims=True)
@@ -611,12 +630,14 @@ def resolve_options(structure: Structure, unknown: Parameters, options: PlanOpti
 
 
 def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
-    """Mask (n_params,) of the parameters that `wanted` names, by full name or by property; all True if it is empty.
+    """Mask (n_params,) of the parameters that `wanted` names, by full name or by property.
+
+    All True if `wanted` is empty.
 
     Raises
     ------
     InputError
-        If a name matches no parameter.
+        If a name matches no parameter; the nearest is named.
     """
     if not wanted:
         return np.ones(unknown.n_params, dtype=bool)

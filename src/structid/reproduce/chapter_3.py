@@ -102,9 +102,10 @@ def unknown_values(structure: Structure, *damping: str) -> Parameters:
 
 
 def driven(structure: Structure, time: FloatArray, damped: bool = False) -> Motion:
-    """Exact motion of the beam from rest under the force 0.1 cos(t) N in Y at node 7, at the instants `time` (n_times,) in s.
+    """Exact motion of the beam from rest under the force 0.1 cos(t) N in Y at node 7.
 
-    The damping matrix counts only if `damped` is True.
+    It is that at the instants `time` (n_times,) in s. The result has force, acceleration, velocity and displacement of
+    all degrees of freedom, (n_times, n_dofs). The damping matrix counts only if `damped` is True.
     """
     load = FORCE * structure.selection([Dof(FORCED_NODE, "Y")]).toarray()[:, 0]
     damping = structure.matrix("damping") if damped else None
@@ -195,7 +196,8 @@ def _identify_noise_free(
 ) -> tuple[float, float, FloatArray]:
     """Largest relative error, condition number and values (n_params,) of the parameters identified from exact motion.
 
-    The motion is sampled at `n_samples` instants; `damping` names the damping properties that are parameters too.
+    The motion is sampled at `n_samples` instants 0.5 s apart; `damping` names the damping properties that are
+    parameters too. The motion is that of the damped structure if there are any.
     """
     unknown = unknown_values(structure, *damping)
     motion = driven(structure, sampling_times(n_samples), bool(damping))
@@ -333,9 +335,10 @@ def added(exact: Motion, rng: np.random.Generator) -> Motion:
 
 
 def integrated(exact: Motion, rng: np.random.Generator) -> Motion:
-    """Noisy motion as the text describes it: displacements are integrated twice from noisy accelerations.
+    """The motion `exact` with noise as the text has it: displacements integrated twice from noisy accelerations.
 
-    These are sampled every 1 ms with noise of 2 % of their RMS; the result is sampled every 0.5 s. The force has noise too.
+    These are sampled every 1 ms with noise of 2 % of their RMS; the result is sampled every 0.5 s and has no velocity.
+    The force has noise of 2 % of its RMS too, drawn from `rng` as well.
     """
     fine = _fine_motion(round(exact.n_times * STEP / FINE_STEP))
     a = _acceleration(fine)
@@ -390,10 +393,10 @@ def sum_of_two_rms(relative: FloatArray) -> FloatArray:
 
 
 def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
-    """Relative errors of least-squares estimates of the 30 parameters from `n_samples` noisy samples, one row for each seed.
+    """Relative errors of least-squares estimates of the 30 parameters from `n_samples` noisy samples, (n_seeds, 30).
 
-    `reading` says how noise enters: "A" as by `multiplied`, "B" as by `added`, "integrated" as by `integrated`; seeds are 0 to
-    n_seeds - 1.
+    `reading` says how noise enters: "A" multiplies samples, "B" adds to them, "integrated" adds to accelerations that
+    are integrated to displacements; seeds are 0 to n_seeds - 1.
     """
     structure = beam(ACTUAL)
     equations = time_equations(structure, unknown_values(structure))
@@ -411,8 +414,8 @@ def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
 def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
     """Least-squares parameters (n_records, n_params) of many records at once.
 
-    `fields` is (n_records, 4 n_dofs, n_times), see `TimeEquations.fields`; `equations` must have one block for each degree of
-    freedom.
+    `fields` is (n_records, 4 n_dofs, n_times), the force and motion of each record as `TimeEquations.fields` arranges
+    them; `equations` must have one block for each degree of freedom.
     """
     n_records, n_fields, n_times = fields.shape
     wide = np.moveaxis(fields, 0, 1).reshape(n_fields, -1)
@@ -425,11 +428,11 @@ def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
 
 
 def predicted_bias(reading: str, n_samples: int) -> float:
-    """First-order prediction of the relative bias of the estimates due to noise in the motion, as RMS over the 30 parameters.
+    """First-order prediction of the relative bias of the estimates due to noise, as RMS over the 30 parameters.
 
-    `reading` is a key of `READINGS`, `n_samples` the number of samples, `STEP` (0.5 s) apart. For "integrated", the error
-    of the displacement after k steps of h = `FINE_STEP` (1 ms) has the variance s^2 h^4 k^3 / 3, where s is the noise of
-    the acceleration.
+    `reading` says how noise enters ("A", "B" or "integrated"), `n_samples` is the number of samples, 0.5 s apart. For
+    "integrated", the error of the displacement after k steps of h = 1 ms has the variance s^2 h^4 k^3 / 3, where s is
+    the noise of the acceleration.
     """
     structure = beam(ACTUAL)
     exact = driven(structure, sampling_times(n_samples))

@@ -130,7 +130,8 @@ def unknowns(structure: Structure) -> Parameters:
 def exact_record(values: FloatArray, reading: Reading) -> FrfRecord:
     """Noise-free receptances of the cantilever at the lines and sensors of `reading`, for a load at the tip.
 
-    `values` (12,) are masses per length (kg/m) and then stiffnesses EI (N m^2).
+    `values` (12,) are masses per length (kg/m) and then stiffnesses EI (N m^2). The receptances are (n_lines,
+    n_outputs, 1).
     """
     frequency = np.array(reading.frequency)
     blank = np.ones((len(frequency), len(reading.outputs), 1), dtype=np.complex128)
@@ -168,7 +169,11 @@ def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatA
 
 
 def classical_errors(case: Case, record: FrfRecord, n_iterations: int = 6) -> FloatArray:
-    """RMS of the relative errors along the classical iteration, (n_iterations + 1,), the start first; inf after divergence."""
+    """RMS of the relative errors along the classical iteration, (n_iterations + 1,), the start first.
+
+    Inf after divergence. The errors are those of all 12 parameters, relative to the actual ones of `case`; `record` has
+    the measured receptances.
+    """
     path = classical_values(case, record, n_iterations)
     errors = np.full(n_iterations + 1, np.inf)
     errors[: len(path)] = np.sqrt(np.mean((path / case.actual - 1) ** 2, axis=1))
@@ -222,7 +227,10 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Rep
 
 
 def table_4_1() -> ReproducedItem:
-    """Table 4.1: the actual parameters of cases 1 and 2, identified from the postulated ones."""
+    """Table 4.1: the actual parameters of cases 1 and 2, identified from the postulated ones.
+
+    A second table has the postulated ones with their errors in %.
+    """
     all_motions = exact_record(CASE_1.actual, ALL_AT_HALF)
     tip_in_hz = exact_record(CASE_2.actual, TIP_IN_HZ)
     computed = np.column_stack(
@@ -545,7 +553,7 @@ STUDIES_2 = (
 def figure_4_4(seeds: range, report: Callable[[float], None]) -> ReproducedItem:
     """Figure 4.4: convergence in case 1, all motions measured with noise, under several readings of the noise.
 
-    `report` is called with the fraction done.
+    Each reading is repeated with all of `seeds`; `report` is called with the fraction done, 0 to 1.
     """
     results = outcomes(STUDIES_1, seeds, report)
     printed, everywhere = results[0], results[-1]
@@ -574,7 +582,7 @@ def figure_4_4(seeds: range, report: Callable[[float], None]) -> ReproducedItem:
 def figure_4_5(seeds: range, report: Callable[[float], None]) -> ReproducedItem:
     """Figure 4.5: convergence in case 2, one motion measured with noise, with frequencies read in rad/s and in Hz.
 
-    `report` is called with the fraction done.
+    Each reading is repeated with all of `seeds`; `report` is called with the fraction done, 0 to 1.
     """
     results = outcomes(STUDIES_2, seeds, report)
     printed, in_hz, typo, node, two = results
@@ -599,9 +607,10 @@ def figure_4_5(seeds: range, report: Callable[[float], None]) -> ReproducedItem:
 
 
 def outcomes(studies: Sequence[Study], seeds: range, report: Callable[[float], None]) -> tuple[Outcome, ...]:
-    """Errors and Cramér-Rao bounds of each study over all seeds; `report` is called with the fraction done.
+    """Errors and Cramér-Rao bounds of each study over all seeds; `report` is called with the fraction done, 0 to 1.
 
-    A bound is 0 if the study has no noise of that kind.
+    Errors are RMS over the parameters along five iterations. Bounds are those of the sensor noise alone and of all
+    noise, 0 if the study has no noise of that kind.
     """
     results = []
     for i, study in enumerate(studies):
@@ -630,7 +639,8 @@ def _quantile_panel(title: str, outcomes: Sequence[Outcome]) -> Panel:
 def noisy_record(case: Case, reading: Reading, noise: Noise, rng: np.random.Generator) -> FrfRecord:
     """Receptances of the actual structure of `case` with random errors of `noise`, drawn from `rng`.
 
-    Values are computed at erroneous frequencies, but assigned to the nominal ones.
+    All errors are relative. Amplitude errors are common to a line, the gain error to the record; values are computed at
+    erroneous frequencies, but assigned to the nominal ones.
     """
     nominal = np.array(reading.frequency)
     frequency = nominal * (1 + noise.frequency * rng.standard_normal(len(nominal)))

@@ -158,7 +158,7 @@ def table_5_1() -> ReproducedItem:
 
 
 def figures_5_1_and_5_2() -> tuple[ReproducedItem, ReproducedItem]:
-    """Figures 5.1 and 5.2: identified and normalized eigenvectors of the beam, modes 1-5 and 6-10."""
+    """Figures 5.1 and 5.2: identified and normalized eigenvectors of the beam, modes 1-5 and 6-10, and their MAC."""
     result = _values("symmetric_acceleration", "interior")
     actual, fine = beam_shapes(SENSORS, N_SENSORS), np.linspace(0, LENGTH, 101)
     exact = beam_shapes(fine, N_SENSORS)
@@ -298,7 +298,11 @@ def under_reading(start_node: int = START_NODE) -> StationaryValues:
 
 
 def table_5_2() -> ReproducedItem:
-    """Table 5.2: eigenvalues of the membrane, (rad/s)^2, which the table labels as frequencies, beside identified values."""
+    """Table 5.2: eigenvalues of the membrane, (rad/s)^2, labelled as frequencies, beside identified values.
+
+    Further tables have the relative errors in %, identified values under other readings, and the natural frequencies
+    (rad/s).
+    """
     eigenvalues = membrane_eigenvalues()
     true = membrane_record(np.sqrt(eigenvalues))
     identified_values = np.sqrt(np.abs(under_reading().eigenvalues))
