@@ -180,6 +180,7 @@ def effect_of_release(
     Returns
     -------
     (n_strengths, n_lines, n_outputs, n_inputs) complex array
+        In the kind of the record.
     """
     rows = np.flatnonzero(coupling.any(axis=0))
     r = coupling[:, None, rows]

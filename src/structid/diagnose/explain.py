@@ -98,7 +98,7 @@ def diagnose_sound(
     find_disagreements: SplitCheck,
     may_test_changes: bool,
 ) -> DiagnosedIdentification:
-    """The diagnosis of a sound answer; fixed values or one change are fitted where the record asks for them.
+    """Diagnosis of a sound answer; doubted fixed values or single changes are fitted where the record asks for them.
 
     `sensitivities` are those of the answer to fixed values, `work` runs the fits, `find_disagreements` returns parts of
     the data whose fits disagree. At most three doubted fixed values are freed; single changes are tested only with

@@ -231,7 +231,10 @@ class FitWithinTolerances:
 
     @property
     def expected_chi_square(self) -> float:
-        """Mean sum of squares that noise alone leaves; without a Jacobian, the parameters are not taken off the data."""
+        """Mean sum of squares that noise alone leaves after the fit, data and fixed values together.
+
+        Without a Jacobian it is that of the data as if no parameter were fitted.
+        """
         if isinstance(self.at, Linearization):
             scale, freedom = chi_square_law(self.problem, self.theta, self.at)
             return scale * freedom

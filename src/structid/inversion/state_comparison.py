@@ -492,9 +492,11 @@ def _update_by_carried(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Values of the baseline and three covariances of the compared parameters, after the update by carried parameters.
 
-    Returns the values (n,), the covariances of baseline and later state, and the cross-covariance (baseline by later), (n, n)
-    each. `first` and `second` are the indices of the compared parameters in the two estimates. The update is linear in
-    logarithms where both values are positive, else in the values. NaN where the baseline does not determine `carried`.
+    Returns the values (n,), the covariances of baseline and later state, and the cross-covariance (baseline by later),
+    (n, n) each. `first` and `second` are the indices of the compared parameters in the two estimates. The update is
+    linear in logarithms where both values are positive, else in the values. If the baseline does not determine
+    `carried`, its covariance and the cross-covariance are NaN, and its values unchanged. Without `carried` nothing is
+    changed, and the cross-covariance is 0.
     """
     p, q = baseline.covariance_of_data, later.covariance_of_data
     values, other = baseline.values[first], q[np.ix_(second, second)]

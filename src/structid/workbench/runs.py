@@ -48,9 +48,10 @@ class Run:
 
     @cached_property
     def _read_run_file(self) -> dict[str, Any]:
-        """Content of ``run.json``, without invalid entries: study, results, start time, process number and birth time.
+        """Content of ``run.json`` without invalid entries: ``study``, ``results``, ``started``, ``pid`` and ``born``.
 
-        Empty if a path leads out of the folder. Times are in seconds since 1970.
+        The first two are paths in the folder, the last one is the time when process number ``pid`` began; times are in
+        seconds since 1970. Empty if a path leads out of the folder or nothing can be read.
         """
         stored = self._json("run.json")
         texts = {key: stored[key] for key in ("study", "results") if isinstance(stored.get(key), str)}

@@ -140,7 +140,8 @@ def _with_json_errors(handler: Handler) -> Callable[[Request], Awaitable[Respons
 def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
     """Serve `folder` on this machine until interrupted, print its address, and open it in a browser if `browser`.
 
-    `port` 0 takes any free port.
+    `port` 0 takes any free port. Where other users may read the output, a private file that leads to the address is
+    named instead of it.
 
     Raises
     ------

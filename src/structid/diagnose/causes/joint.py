@@ -43,10 +43,11 @@ class FlexibleJoint(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate flexible joints at the rotations of element ends that have a bending stiffness, at most 150 of them.
+        """Candidate flexible joints at rotations of element ends with a bending stiffness, among at most 150 ends.
 
-        More are evenly chosen among. `records` are the receptances of each record; the first one counts. Strengths are
-        compliances, rad/(N m), 0.005 to 60 times the one of the structure there. `record_names` are not used.
+        More ends are evenly chosen from. `records` are the receptances of each record; the first one counts. Strengths
+        are compliances, rad/(N m): 0.005 to 60 times the inverse of the element's dynamic stiffness at this end alone.
+        `record_names` are not used.
         """
         first = records[0]
         ends: dict[tuple[str, int, int], list[_Column]] = {}

@@ -50,8 +50,9 @@ class Support(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
         """A candidate flexible support for each direction that is fixed or driven in some record and could be released.
 
-        `records` are the receptances of each record. Strengths are compliances, m/N or rad/(N m), 0.005 to 60 times
-        that of the structure there, by the first record that has the support. `record_names` are not used.
+        `records` are the receptances of each record. Strengths are compliances, m/N or rad/(N m): 0.005 to 60 times the
+        inverse of the structure's dynamic stiffness at the support, all else fixed, by the first record that has it.
+        `record_names` are not used.
         """
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {

@@ -86,11 +86,11 @@ class Bootstrap:
         return self.values.mean(axis=0) - self.original
 
     def interval(self, level: float = 0.95) -> FloatArray:
-        """Bias-corrected percentile interval, (n_params, 2): NaN where the replicates are not reliable.
+        """Bias-corrected percentile interval (n_params, 2), lower and upper end, physical units; NaN if not reliable.
 
-        With z0 the normal quantile of the part of replicates below the original, the ends are the quantiles of Phi(2 z0
-        -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the same in any
-        transformation of the parameter. `level` is the probability of the interval.
+        With z0 the normal quantile of the part of replicates below the original estimate, the ends are the quantiles of
+        Phi(2 z0 -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the same
+        in any transformation of the parameter. `level` is the probability of the interval.
         """
         require_level(level)
         if not self.is_reliable:
@@ -140,11 +140,11 @@ def bootstrap(
     estimate : Estimate
         At its minimum.
     kind : {"noise", "blocks"}, optional
-        ``noise``: e is standard normal, right where model and noise level are, and larger where few averages tell the
-        noise. ``blocks``: e is the residual itself,
-        each stretch of lines and each channel with a random sign, which keeps its correlation and its size at every
-        line; for model error. By default the one that matches ``estimate.covariance_basis``.
+        ``noise``: e is standard normal, right where model and noise level are, and larger where few averages determine
+        the noise. ``blocks``: e is the residual itself, with random signs of stretches of lines and of channels, which
+        keep its correlation; for model error. By default the one that matches ``estimate.covariance_basis``.
     n_replicates : int
+        Number of refits.
     rng : numpy Generator, optional
         Seed 0 by default. The answer does not depend on where the refits run.
     work : TaskExecutor

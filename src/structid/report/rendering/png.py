@@ -170,7 +170,10 @@ def _whole_panel(
 
 
 def drawn(figure: Figure) -> Picture:
-    """Matplotlib picture of a figure whose panels have one strip each; of a figure with a choice, only the chosen panels."""
+    """Matplotlib picture of a figure whose panels have one strip each, in rows of at most `figure.columns`.
+
+    Of a figure with a choice only the panels that it shows at first are drawn, with its note below.
+    """
     choice = figure.choice
     shown = figure.panels if choice is None else tuple(figure.panels[i] for i in choice.shown)
     width, height = figure.size if choice is None else choice.size
