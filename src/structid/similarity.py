@@ -407,9 +407,9 @@ class Pairing:
         return np.flatnonzero(self.number < 0)
 
     def partners(self, mode: int) -> tuple[int, ...]:
-        """Indices, from 0, of all model modes that are compared with the measured mode `mode`.
+        """Indices, from 0, of all model modes that are compared with the measured mode `mode`, also from 0.
 
-        () if it has no counterpart. They are several for a mode of a group of close modes.
+        They are several for a mode of a group of close modes, and none if the mode has no counterpart.
         """
         for measured, model in self.groups:
             if mode in measured:

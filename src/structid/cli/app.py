@@ -95,10 +95,7 @@ def _module(name: str) -> str:
 
 
 def _summary(name: str) -> str:
-    """First line of the docstring of the command `name`, read from its source without importing it.
-
-    An error without one.
-    """
+    """First line of the docstring of the command `name`, read from its source without importing it."""
     spec = find_spec(_module(name))
     source: str = spec.loader.get_source(spec.name)  # type: ignore[union-attr]
     body = ast.parse(source).body

@@ -22,8 +22,9 @@ _WORST = 100.0
 def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_array) -> FloatArray:
     """Shapes of a model with a unit motion at one sensor, 0 at the others and no other forces, (n_dofs, n_channels).
 
-    Column c is for sensor c: the solution x of Z x = S f, S' x = e. With Z = K it is Guyan's (1965) reduction, with
-    Z = K - omega^2 M the dynamic expansion of Kidder (1973). Sensors may read sums of degrees of freedom.
+    Column c is for sensor c: the solution x of Z x = S f, S' x = e, with the forces f at the sensors and the unit
+    vector e of c. With Z = K it is Guyan's (1965) reduction, with Z = K - omega^2 M the dynamic expansion of Kidder
+    (1973). Sensors may read sums of degrees of freedom.
 
     Parameters
     ----------

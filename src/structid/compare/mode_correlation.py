@@ -193,8 +193,8 @@ class ModesCorrelation:
     def remark(self, mode: int) -> str:
         """A remark on the pair of a measured mode: missing, a group of close modes, ambiguous, or paired by frequency.
 
-        "" if none. `mode` counts from 0, the modes in the text from 1. Of a missing mode it names the nearest mode of
-        the model, and why that is no pair.
+        It is "" if there is none. `mode` counts from 0, the modes in the text from 1. Of a missing mode it names the
+        nearest mode of the model, and why that is no pair.
         """
         pairing, f, i = self.pairing, self.model.frequency, mode
         has_no_entry = not self.measured.known[:, i].any()

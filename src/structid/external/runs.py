@@ -291,7 +291,7 @@ def _execute_command(solver: Solver, folder: Path) -> str:
 def _last_words(folder: Path) -> str:
     """The last three lines of the solver's log in `folder` that have words, as the end of a sentence.
 
-    "" if there is no log.
+    It is "" if there is no log, and says so if the log has no words.
     """
     path = folder / _LOG
     if not path.is_file():

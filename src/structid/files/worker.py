@@ -339,7 +339,7 @@ READERS: dict[str, Callable[..., StoredEntry]] = {
 
 
 def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """Answer the requests in the stream `requests`, one line of JSON each, on the stream `answers` until it ends.
+    """Answer the requests in the stream `requests`, one line of JSON each, on the stream `answers`, until none is left.
 
     A request has reader, path, options and seconds. The first answer is "ready"; each other one is a line of JSON with
     a tree and the types and shapes of arrays, or an error in words, and then the bytes of the arrays.
@@ -368,7 +368,7 @@ def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
 def _limit_memory(path: str) -> None:
     """Limit this process's address space to what the file at `path` can plausibly hold.
 
-    Nothing is limited on Windows. That is what is in use, 1 GiB, and 2064 times the size of the file.
+    The limit is what is in use, 1 GiB, and 2064 times the size of the file. Nothing is limited on Windows.
     """
     try:
         import resource

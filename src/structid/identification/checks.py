@@ -57,7 +57,8 @@ def _phases_that_rise(record: FrfRecord) -> list[str]:
 def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
     """List with a warning if the mobility of output `o` over load `i` has a negative real part at most lines.
 
-    Else empty. `o` and `i` are indices of channels at the same degree of freedom, in either sense; 0 Hz is left out.
+    It is empty if not. `o` and `i` are indices of channels at the same degree of freedom, in either sense; 0 Hz is left
+    out.
     """
     keep = record.frequency > 0
     mobility = record.lines(np.flatnonzero(keep)).as_kind("mobility").values[:, o, i]

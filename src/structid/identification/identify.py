@@ -63,9 +63,13 @@ def identify(
     Parameters
     ----------
     structure : Structure
+        Model with initial values of all properties, in SI units.
     unknown : Parameters
+        Parameters to be identified, made by `parameters` on that structure.
     record : FrfRecord
+        Measured frequency responses, with their noise.
     options : IdentifyOptions, optional
+        Band, search, noise model, regularization and intervals; the defaults without it.
     progress : callable, optional
         Called with the stage's name, the iteration and the sum of squares.
     channel_unknowns : sequence of ChannelUnknown
@@ -79,8 +83,8 @@ def identify(
     Raises
     ------
     InputError
-        If an argument is of another class, nothing is unknown, the parameters were made for another structure, or the record
-        cannot be used.
+        If an argument is of another class, nothing is unknown, the parameters were made for another structure, or the
+        record cannot be used.
 
     References
     ----------
@@ -218,7 +222,7 @@ def _fit_warnings(setups: Sequence[AnySetup], fits: Sequence[RecordFit | ModalFi
 def _undivided_words(structure: Structure) -> str:
     """A clause on beams and bars that are as the caller drew them, which a study would divide.
 
-    "" where there are none, or they are cut into pieces already.
+    It is "" where there are none, or they are cut into pieces already.
     """
     if structure.subdivide > 1 or not structure.divisible:
         return ""
@@ -230,7 +234,11 @@ def _undivided_words(structure: Structure) -> str:
 
 
 def _checked_setups(setups: Iterable[AnySetup], options: IdentifyOptions) -> tuple[AnySetup, ...]:
-    """The set-ups; `InputError` unless they are set-ups that declare an unknown, and `options` are of their class."""
+    """The set-ups as a tuple, after checks that they, their parts and `options` are of their classes.
+
+    `InputError` if they are not, there is none, parameters were made for another structure, or no set-up has an
+    unknown.
+    """
     if isinstance(setups, RecordSetup):
         raise InputError("`setups` must be a list of set-ups, got a single one; write `[setup]`")
     require_class("setups", setups, Iterable, "give a list of set-ups, one for each record")
@@ -323,11 +331,11 @@ def mass_deviation(
     row : (1, n_params) float array
         Derivative of the mass with respect to the parameters.
     covariance : Covariance
-        Of the parameters, with what `fixed` adds.
+        Covariance of the parameters, with what `fixed` adds.
     held : mapping of str to float
-        Change of the mass for a relative change of each fixed value, kg.
+        Change of the mass for a relative change of each fixed value, kg, by its name; 0 for names that it lacks.
     fixed : FixedValueInfluence or None
-        None where all fixed values are exact.
+        Influence of fixed values on the parameters; None where all fixed values are exact.
     """
     variance = float(covariance.variance(row)[0])
     if fixed is not None:

@@ -184,8 +184,8 @@ def freed_problems(
 def taken_as_exact(problems: Sequence[RecordProblem], tolerances: Tolerances, carried: Sequence[str]) -> str:
     """Clause that names the fixed values whose tolerance the search did not include, all except `carried`.
 
-    "" if there are none. `tolerances` are for sets that state none, `carried` are labels such as ``mass[deck]``. If a
-    model has no matrices, as that of a solver that gives FRFs alone, the clause names this whole model.
+    It is "" if there are none. `tolerances` are for sets that state none, `carried` are labels such as ``mass[deck]``.
+    If a model has no matrices, as that of a solver that gives FRFs alone, the clause names this whole model.
     """
     if not all(problem.structure.has_matrices for problem in problems):
         return "the model behind the FRFs of the solver is taken as exact"

@@ -84,8 +84,8 @@ class MeshPieces:
     def warning(self) -> str:
         """A sentence where the mesh changes a value by 0.2 standard deviations or more, or why that is not known.
 
-        Else "". It says what to do, and whether intervals can still be used: not if the change is a standard deviation
-        or more.
+        It is "" where the mesh is fine enough. It says what to do, and whether intervals can still be used: not if the
+        change is a standard deviation or more.
         """
         if self.is_enough:
             return ""

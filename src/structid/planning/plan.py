@@ -326,8 +326,8 @@ def _best_lines(
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
     """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced lines.
 
-    Both None if not asked for. `lines` (n_lines, n_rows, n_params) are roots R of the information R'R of each line. Not
-    asked for is `lines` or `count` None.
+    Both are None if `lines` or `count` is None, as they were not asked for. `lines` (n_lines, n_rows, n_params) are
+    roots R of the information R'R of each line.
     """
     if lines is None or count is None:
         return None, None

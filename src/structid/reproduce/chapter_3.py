@@ -588,11 +588,11 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> ReproducedItem:
 
 
 def _error_panel(exact: FloatArray, integrated: FloatArray) -> Panel:
-    """Panel of the RMS relative error of the 30 parameters against the number of samples: simulated, and its predicted bias.
+    """Panel of the RMS relative error of the 30 parameters, and its predicted bias, against the number of samples.
 
-    Rows of `exact` belong to the numbers of samples in `_EXACT_DISPLACEMENT`, those of `integrated` to the numbers in
-    `_INTEGRATED`. Columns (n_numbers, 6) are 5 %, median and 95 % of the error over seeds, bias, predicted bias and number of
-    seeds; errors are in parts of the parameter, and the fourth and last columns are not drawn.
+    `exact` (6, 6) is for exact displacements, `integrated` (4, 6) for integrated ones, a row for each number of
+    samples. Columns are 5 %, median and 95 % of the error over seeds, bias, predicted bias and number of seeds; errors
+    are in parts of the parameter, and the fourth and last columns are not drawn.
     """
     curves = []
     for label, samples, part in (

@@ -146,11 +146,12 @@ def rms(relative_error: FloatArray) -> float:
 
 
 def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatArray:
-    """Parameters along the classical iteration, Eqs. (4.17) and (4.26), (n, 12): the postulated ones, then those of each step.
+    """Parameters along the classical iteration, Eqs.
 
-    A row holds masses per length (kg/m), then stiffnesses EI (N m^2). Steps are full, as those of
-    ``GaussNewton(step_control=False)``. There are `n_iterations` steps, or fewer: the iteration ends before a step at whose end
-    the RMS error relative to the actual parameters is not below `DIVERGED`, and where the model cannot be evaluated.
+    (4.17) and (4.26), (n, 12): the postulated ones, then those of each step. A row holds masses per length (kg/m), then
+    stiffnesses EI (N m^2). Steps are full, as those of ``GaussNewton(step_control=False)``. There are `n_iterations`
+    steps, or fewer: the iteration ends before a step at whose end the RMS error relative to the actual parameters is
+    1e12 or more, and where the model cannot be evaluated.
     """
     structure = cantilever(case.postulated)
     problem = FrfProblem(structure, unknowns(structure), record, "equation")
@@ -171,8 +172,8 @@ def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatA
 def classical_errors(case: Case, record: FrfRecord, n_iterations: int = 6) -> FloatArray:
     """RMS of the relative errors along the classical iteration, (n_iterations + 1,), the start first.
 
-    Inf after divergence. The errors are those of all 12 parameters, relative to the actual ones of `case`; `record` has
-    the measured receptances.
+    They are infinite after divergence. The errors are those of all 12 parameters, relative to the actual ones of
+    `case`; `record` has the measured receptances.
     """
     path = classical_values(case, record, n_iterations)
     errors = np.full(n_iterations + 1, np.inf)

@@ -61,9 +61,10 @@ def _text(schema: Schema) -> str:
 
 
 def _with_references(schema: Schema, names: Mapping[str, str], parts: dict[str, Schema]) -> Schema:
-    """The schema `schema` with a reference in place of each part that has a name; these parts are added to `parts` by name.
+    """The schema `schema` with a reference in place of each part that has a name.
 
-    `names` are the names by the text of a part without description and default.
+    These parts are added to `parts` by name. `names` maps the JSON text of a part, without its description and default,
+    to the name of the part.
     """
     annotations: Schema = {}
     bare: Schema = {**schema}

@@ -386,8 +386,8 @@ def _parameter_per_element(
 ) -> tuple[tuple[str, ...], IntArray]:
     """Labels of the parameters when `each` is set, and the parameter index of each entry, (n_entries,).
 
-    `indices` (n_entries,) are the entries' places among the property values, `item` (n_entries,) the index of the property of
-    each in `items`. There is one parameter for every `each` elements, in the order in which they are named.
+    `indices` (n_entries,) are the entries' positions among the property values, `item` (n_entries,) the index of the
+    property of each in `items`. There is one parameter for every `each` elements, in the order in which they are named.
     """
     single = [len(item_property.term.values) == 1 for item_property in items]
     words = [
@@ -455,8 +455,9 @@ def _make_field_group(
 ) -> ParameterGroup:
     """The group of a field: one parameter, a factor, for each shape function of its coarse grid that an element sees.
 
-    `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`.
-    Raises `InputError` if `each`, `tied_to` or `factor = false` are set too. Names of parameters begin with `label`.
+    `indices` (n_entries,) are positions among the property values, `item` (n_entries,) the index of the property of
+    each in `items`. Raises `InputError` if `each`, `tied_to` or `factor = false` are set too. Names of parameters begin
+    with `label`.
     """
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:
@@ -478,7 +479,8 @@ def _element_centres(
 ) -> FloatArray:
     """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates); ground nodes are left out.
 
-    `indices` (n_entries,) are places among the property values, `item` (n_entries,) the property of each in `items`.
+    `indices` (n_entries,) are positions among the property values, `item` (n_entries,) the index of the property of
+    each in `items`.
     """
     tables = {element.name: element.nodes for element in structure.sets}
     labels = np.array(sorted(structure.nodes), dtype=np.int64)

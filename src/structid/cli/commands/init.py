@@ -87,10 +87,7 @@ def _ask_values(kind: type[Template], answered: set[str]) -> dict[str, str]:
 
 
 def _check_answer(question: TemplateQuestion, text: str) -> str:
-    """Answer `text` unchanged if it is valid for the question.
-
-    Else raises `BadParameter`, after which typer asks again.
-    """
+    """Answer `text` unchanged if it is valid for the question; `BadParameter` if not, after which typer asks again."""
     try:
         asked_value(question, text)
     except InputError as error:

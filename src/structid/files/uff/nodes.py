@@ -249,8 +249,8 @@ def _require_one_motion(
 ) -> None:
     """Raise `FileError` if two datasets of a node give its motion along different axes.
 
-    For the message, `path` and `label`. `first` and `other` are the node's entries, `systems` the coordinate systems by
-    label. Labels 0 and 1 are the same axes unless `systems` defines them.
+    `path` and `label` of the node are for the message. `first` and `other` are the node's entries, `systems` the
+    coordinate systems by label. Labels 0 and 1 are the same axes unless `systems` defines them.
     """
     named = {node.displacement for node in (first, other)}
     named = {0 if system in _GLOBAL and system not in systems else system for system in named}

@@ -112,9 +112,9 @@ def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
 def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
     """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None if they see it.
 
-    The data do not see it if a common change of each by 1, scaled to unit length, changes them by no more than
-    `noise_scale`. `jacobian` (n_data, n_params) is the whitened derivative by relative changes, `kinds` are those of
-    the parameters. None also without a mass or a stiffness among them.
+    The data do not see it if a common relative change, scaled to unit length over these parameters, changes the
+    whitened data by no more than `noise_scale`. `jacobian` (n_data, n_params) is the whitened derivative by relative
+    changes, `kinds` are those of the parameters. None also without a mass or a stiffness among them.
     """
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}

@@ -110,7 +110,7 @@ class RecordFit:
     def polarities(self) -> dict[str, int]:
         """Sign, +1 or -1, of every channel polarity that the data decided, by its name.
 
-        {} if no channel has unknowns.
+        Empty without unknown channels.
         """
         channels = self.problem.channels
         if channels is None:

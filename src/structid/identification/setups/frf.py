@@ -144,8 +144,8 @@ class Setup(RecordSetup[FrfProblem]):
     def begun(self, problem: FrfProblem) -> FrfProblem:
         """Problem started at the one-step linear solution if every degree of freedom is measured.
 
-        Else the same problem. It is also the same where channels have unknowns. Values at or beyond their bounds keep
-        their start.
+        The same problem is returned if not, or if channels have unknowns. Values at or beyond their bounds keep their
+        start.
         """
         if self.channel_unknowns or not measures_everything(self.structure, problem.record):
             return problem

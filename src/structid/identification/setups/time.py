@@ -116,7 +116,7 @@ class TimeFit:
             raise InputError(f"`hold` {refused!r} is not for fit {self.fit!r}, which takes {takes}")
 
     def require_heard(self, record: TimeRecord) -> None:
-        """Raise `InputError` for tones at or above half the sampling rate of a record."""
+        """Raise `InputError` if a tone of these settings is at or above half the sampling rate of `record`."""
         top = 0.5 * record.sampling_rate
         beyond = [tone for tone in self.tones if tone >= top]
         if beyond:
@@ -409,7 +409,11 @@ class AveragedHistories:
         return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
 
     def _with_joint_forces(self, parts: FloatArray) -> TimeRecord:
-        """Record with its forces replaced by joint ones at new nodes; `parts` (n_forces, n_joint_forces) are the weights."""
+        """Record with its forces replaced by joint ones at new nodes, which come first, then the motions as they are.
+
+        `parts` (n_forces, n_joint_forces) are the weights of the forces in each joint one; the noise of the forces is
+        taken as independent.
+        """
         record, still = self.record, ~self._is_force
         first = max(self.structure.nodes) + _FAR
         made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]

@@ -234,8 +234,9 @@ def _tolerances(estimate: Estimate) -> dict[str, StoredEntry]:
 def _alternatives(sets: Alternatives | None) -> dict[str, StoredEntry]:
     """Dictionary with the entry ``alternatives``: sets of parameter values that fit the data equally well.
 
-    {} for `sets` None. Each set has its values by parameter name, the sum of squares, and the number of searches that
-    ended there. ``deciding`` is the measurement that would decide between the sets; None if none is known.
+    It is empty for `sets` None. Each set has its values by parameter name, the sum of squares, and the number of
+    searches that ended there. ``deciding`` is the measurement that would decide between the sets; None if none is
+    known.
     """
     if sets is None:
         return {}

@@ -76,7 +76,10 @@ class SolverAnswer:
         }
 
     def write(self, folder: Path) -> None:
-        """Write the updated deck, with all files that it reads, into a new folder inside `folder`, which must not exist yet."""
+        """Write the updated deck, with all files that it reads, into the new folder ``updated`` inside `folder`.
+
+        `FileExistsError` if there is such a folder already.
+        """
         target = folder / UPDATED
         target.mkdir()
         for name, path in self.linked.items():

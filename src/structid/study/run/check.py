@@ -160,8 +160,8 @@ def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceC
 def _facts(setup: AnySetup) -> tuple[str, ...]:
     """At most one remark, on noise that was estimated from the coherence of 1 to 100 averages.
 
-    () for all other records. Up to two averages do not give the noise; with more, the remark says which chi-square a
-    right model has.
+    The tuple is empty for all other records. Up to two averages do not give the noise; with more, the remark says which
+    chi-square a right model has.
     """
     record = setup.record
     if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
@@ -182,8 +182,8 @@ def leaking_windows(
 ) -> list[str]:
     """At most one warning, if the window of averaged spectra blurs resonances in the band of `problem`.
 
-    Else an empty list. `source` has the settings of the averaging, `histories` are the time records that were averaged,
-    and `modes` those of the initial model. The list is empty too where no spectra were averaged.
+    The list is empty if it does not, or if no spectra were averaged. `source` has the settings of the averaging,
+    `histories` are the time records that were averaged, and `modes` those of the initial model.
     """
     if source.frf is None or source.time is not None or not histories:
         return []
@@ -331,12 +331,17 @@ class CheckResult(PredictedIdentification):
 
 
 def check_study(study: Study) -> CheckResult:
-    """The study read and checked, with the accuracy predicted at the initial values; nothing is estimated.
+    """The study read and checked, with the accuracy predicted at the initial values; nothing is estimated or written.
+
+    The result has the records, channels, modes and mesh of the initial model, the predicted covariance and
+    identifiability, the total mass (kg) and warnings, the gravest first.
 
     Raises
     ------
-    InputError, SingularModelError
-        If the study cannot be run as it is; see `prepare_study`.
+    InputError
+        If a file, a record or an option of the study cannot be used.
+    SingularModelError
+        If the initial model has a mechanism.
     """
     ready = prepare_study(study)
     predicted = _predict_by_draws(ready) if is_matrix_free(ready) else _predict_by_jacobian(ready)

@@ -260,7 +260,10 @@ def _save(path: Path, tree: Mapping[str, StoredEntry]) -> None:
 
 
 def _load(path: Path) -> dict[str, StoredEntry]:
-    """The nested entries that `_save` wrote to `path`; `FileError` if the file is damaged."""
+    """Nested mappings and lists of numbers, texts and arrays from the NPZ file at `path`, a part of a checkpoint.
+
+    `FileError` if the file is damaged.
+    """
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
         entries = fill_tree(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])

@@ -160,9 +160,9 @@ class Offer:
 
 
 def list_offers(model: IdentifiedModel, study: Study) -> tuple[Offer, ...]:
-    """Every kind of file that `structid export` writes, with its suffixes and a text on why this model cannot give it.
+    """Every kind of file that `structid export` writes, with its suffixes and why this model cannot give it.
 
-    "" if it can.
+    The reason is a text, "" if the model can. The deck has the suffix of the study's own.
     """
     obstacle = deck_obstacle = ""
     try:
@@ -505,7 +505,7 @@ def _vtu_section(name: str, arrays: Mapping[str, AnyArray]) -> list[str]:
 def _array_line(name: str, values: AnyArray) -> str:
     """The DataArray element called `name`: number of bytes, then the little-endian values of the array, in base 64.
 
-    `values` is (n,) or (n, n_components), of a type in `_TYPES`.
+    `values` is (n,) or (n, n_components), of 8-byte floats, 8-byte integers or single bytes.
     """
     array = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
     kind = _TYPES[f"{array.dtype.kind}{array.dtype.itemsize}"]
@@ -570,7 +570,10 @@ def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_c
 
 
 def node_translations(structure: Structure, mode_shapes: FloatArray) -> FloatArray:
-    """Translations of all nodes, fixed and tied ones included, (n_modes, n_nodes, 3), from `mode_shapes` (n_dofs, n_modes)."""
+    """Translations of all nodes, fixed and tied ones too, (n_modes, n_nodes, 3), from `mode_shapes` (n_dofs, n_modes).
+
+    Nodes are in the order of the structure; a translation that the structure does not have is 0.
+    """
     row_of = {node: row for row, node in enumerate(structure.nodes)}
     motion = np.zeros((mode_shapes.shape[1], len(row_of), 3))
     moved = structure.numbering.matrix @ mode_shapes

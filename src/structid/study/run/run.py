@@ -154,8 +154,8 @@ def _identified_in_halves(
 ) -> StudyResult | None:
     """The result with elements of two pieces, if the record fits the elements as drawn alone.
 
-    Else None, also if it cannot be found. `drawn` is the fit with elements as drawn, which must be that of a right
-    model. The search starts at the minimum of `mesh`. Halves have a sixteenth of the error, so that more pieces, which
+    None if it does not, if `drawn`, the fit with elements as drawn, is not that of a right model, or if the search
+    fails. The search starts at the minimum of `mesh`. Halves have a sixteenth of the error, so that more pieces, which
     take many times as long, fit no better; as the fit alone counts, there are no further starts and no intervals of
     greater cost.
     """
@@ -192,10 +192,10 @@ def _fits_only_as_drawn(drawn: Goodness, divided: Goodness) -> bool:
 
 
 def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, is_fine: bool) -> StudyResult:
-    """The result with the clauses that are not empty, joined by ".
+    """The result with new words on its mesh: the `clauses` that are not empty, joined by semicolons.
 
-    ", as its words on the mesh, and `warning` as its first if not "". If the mesh `is_fine`, as it changes no value or
-    the record was made with it, warnings on modes that the mesh shifts are removed.
+    A `warning` that is not "" becomes the first one. If the mesh `is_fine`, as it changes no value or the record was
+    made with it, warnings on modes that the mesh shifts are removed.
     """
     found, words = result.identification, "; ".join(clause for clause in clauses if clause)
     kept = [one for one in found.warnings if not (is_fine and one.startswith(MESH_ERROR))]

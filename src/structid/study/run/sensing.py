@@ -24,7 +24,7 @@ from structid.study.results.stored_model import stored_doubt, stored_model, stor
 def sense_record(
     folder: Path, path: Path, read: ReadOptions, options: SenseOptions, study: Path | None = None
 ) -> tuple[SensedMotion, str]:
-    """The motion at the unmeasured channels named in `options`, estimated from a record, and the title of the model's study.
+    """The motion at the unmeasured channels in `options`, estimated from a record, and the title of the model's study.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def sense_record(
     path : Path
         File of the record, which must hold time histories.
     read : ReadOptions
-        How the record is read.
+        Options with which the record is read.
     options : SenseOptions
         Channels wanted, unknown forces and sensors to leave out.
     study : Path, optional
@@ -42,7 +42,7 @@ def sense_record(
     Raises
     ------
     InputError
-        If the folder, the record or a place cannot be used.
+        If the folder, the record or a channel cannot be used.
     NoAnswerError
         If the data do not determine the model, or the sensors do not determine the motion.
     """

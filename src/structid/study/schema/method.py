@@ -81,7 +81,11 @@ def _make_options(options: type[T], values: Given, search: str | None) -> T:
 
 
 def _key_classes(options: type, name: str) -> tuple[type, ...]:
-    """Classes whose fields are keys of their own in place of the field `name` of `options`; () if the field is a key itself."""
+    """Classes whose fields are keys of ``[method]`` in place of the field `name` of the dataclass `options`.
+
+    They are those of all searches for the field of the search method. The tuple is empty if the field is a key itself,
+    or is stated elsewhere in the study.
+    """
     kind = declared_types(options)[name]
     if name in _ELSEWHERE:
         return ()

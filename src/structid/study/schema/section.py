@@ -97,7 +97,10 @@ class Section:
 
     @property
     def title(self) -> str:
-        """The header as messages show it, such as ``[[structure.beam]] "deck"``, with the name or number of an entry."""
+        """The header as messages show it, such as ``[[structure.beam]] "deck"``; "top level" for the root.
+
+        An entry of an array of tables has its name or property, or else its number (from 1).
+        """
         if not self.path:
             return "top level"
         words = ".".join(str(part) for part in self.path if isinstance(part, str))

@@ -125,7 +125,11 @@ def header(tokens: TomlTokens, counts: dict[KeyPath, int], lines: dict[KeyPath, 
 
 
 def _note_key_lines(tokens: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
-    """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `tokens`."""
+    """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `tokens`.
+
+    `tokens` are words with their indices, the next one last. Entries of a list or table in the value are noted too;
+    paths that `lines` has already are kept.
+    """
     parts, line = read_key(tokens, "=")
     for part in parts:
         path = (*path, part)
@@ -134,7 +138,10 @@ def _note_key_lines(tokens: TomlTokens, lines: dict[KeyPath, int], path: KeyPath
 
 
 def _value(tokens: TomlTokens, lines: dict[KeyPath, int], path: KeyPath) -> None:
-    """Note where each entry of the value under `path` begins (index in the text) in `lines`, and remove it from `tokens`."""
+    """Note where entries of the value under `path` begin (index in the text) in `lines`, and remove it from `tokens`.
+
+    `tokens` are words with their indices, the next one last. A value that is no list or table is only removed.
+    """
     first, position = tokens.pop()[0], 0
     if first not in ("[", "{"):
         while tokens and tokens[-1][0] not in "]},\n":

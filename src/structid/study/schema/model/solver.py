@@ -169,7 +169,9 @@ class SolverCommand(NamedTuple):
 
 
 def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
-    """The command that a study runs, and the text that a user confirms for it; None without a solver. Nothing is run.
+    """The command that a study runs, in words, its input files and the digest that a user confirms.
+
+    None without a solver. Nothing is run.
 
     Raises
     ------
@@ -326,6 +328,8 @@ class WantedFrfs(NamedTuple):
 def wanted_frfs(section: Section, files: InputFiles) -> WantedFrfs:
     """The lines and channels that all records need from the solver: only lines in the band or the evaluation band.
 
+    Lines are in Hz, increasing, each once; channels are along positive directions.
+
     Parameters
     ----------
     section : Section
@@ -336,7 +340,8 @@ def wanted_frfs(section: Section, files: InputFiles) -> WantedFrfs:
     Raises
     ------
     StudyError
-        If there is no record, or one that FRFs cannot explain, or the structure holds more than the solver.
+        If there is no record, or one that FRFs of a solver cannot explain, or ``[structure]`` has more than nodes and
+        the solver.
     """
     root = Section(section.source, (), section.source.table)
     structure = root.inner("structure")
@@ -367,7 +372,10 @@ def wanted_frfs(section: Section, files: InputFiles) -> WantedFrfs:
 
 
 def _read_frf_record(section: Section, files: InputFiles) -> FrfRecord:
-    """The FRF record of a section; `StudyError` if it cannot be compared with FRFs from a solver (motion per force)."""
+    """The FRF record that a section describes, for a solver that gives FRFs of motion per force.
+
+    `StudyError` if the section has a key that such a fit cannot use, or the record holds transmissibilities.
+    """
     for key, words in _NOT_OF_FRFS.items():
         if key in section.table:
             raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)

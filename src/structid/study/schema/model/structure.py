@@ -190,8 +190,8 @@ def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
 def read_tolerances(section: Section) -> Tolerances:
     """The tolerances of fixed values that ``[structure]`` states, as one number for all kinds or by kind.
 
-    Else the defaults. One number holds for masses and stiffnesses, 0 also for dampings. The calibration of records
-    keeps its default.
+    Kinds that are not stated have the defaults. One number holds for masses and stiffnesses, 0 also for dampings. The
+    calibration of records keeps its default.
 
     Raises
     ------
@@ -541,7 +541,7 @@ def _read_component(entry: Section, nodes: Positions) -> Component:
 
 
 def _read_measured_component(entry: Section, files: InputFiles, nodes: Positions) -> MeasuredComponent:
-    """The measured component of one entry, with its interface checked against the nodes."""
+    """The measured component of one entry, after a check that the nodes of its interface exist, else `StudyError`."""
 
     def known(text: str) -> list[Dof]:
         with entry.located("interface"):

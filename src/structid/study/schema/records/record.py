@@ -367,9 +367,10 @@ def _mark_support_motion(record: FrfRecord | TimeRecord, supports: frozenset[Dof
 
 
 def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
-    """A single FRF record from one file or from repeats, of FRFs or of histories.
+    """A single FRF record from one file or from repeats, of FRFs or of histories, whose spectra are averaged.
 
-    `StudyError` if the files are of both kinds, or histories have no settings that say how to fit them.
+    `StudyError` if the files are of both kinds, histories have no settings that say how to fit them, or FRFs have
+    settings for histories.
     """
     responses = [record for record in records if isinstance(record, FrfRecord)]
     histories = [record for record in records if isinstance(record, TimeRecord)]
