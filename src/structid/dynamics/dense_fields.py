@@ -94,9 +94,9 @@ class DenseFields:
 
     @cached_property
     def modal(self) -> _ModalFields | None:
-        """Fields under the loads, then under unit forces at the contacts, without friction, by modes; None if that is slower.
+        """Fields under the loads, then under unit forces at friction contacts, without friction, as a sum over modes.
 
-        None also if the sum over modes is not exact enough.
+        None where there are too few lines for an eigenvalue problem to be worth it, or the sum is not exact enough.
         """
         is_damped = bool(self.matrices[1].any())
         if not worthwhile(len(self.laplace), self.matrices.shape[1], is_damped):
@@ -130,10 +130,11 @@ class DenseFields:
     def _solve_lines(
         self, lines: IntArray, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None
     ) -> ComplexArray:
-        """Fields (n, n_dofs, n_chosen) at `lines` (indices) under the chosen loads, one factorization for each line.
+        """Fields (n, n_dofs, n_chosen) at the n `lines` (indices) under chosen loads, one factorization for each line.
 
-        With a `reader` (n_read, n_dofs), reader @ fields. `coefficients` (n_lines, n_matrices) weigh the matrices at each line,
-        `loads` are columns. `SingularModelError` if a line cannot be solved.
+        With a `reader` (n_read, n_dofs), reader @ fields, (n, n_read, n_chosen). `coefficients` (n_lines, n_matrices)
+        weigh the matrices at each line, `loads` are column indices of the loads. `SingularModelError` if a line cannot
+        be solved.
         """
         n_dofs = self.matrices.shape[1]
         stiffness = coefficients[lines] @ self.matrices.reshape(-1, n_dofs**2)

@@ -239,7 +239,7 @@ class SuperLuFactor:
     is_complex: bool
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """Solution X, (n, n_right), of A X = `right` (n, n_right), real or complex."""
+        """Solution X, (n, n_right), of A X = `right` (n, n_right) for the factorized matrix A; complex if either is."""
         reordered = right[self.order]
         if self.is_complex:
             unordered = self.factor.solve(np.asarray(reordered, dtype=np.complex128))
@@ -290,7 +290,7 @@ def _mkl_version() -> str:
 
 @contextmanager
 def _limit_threads(count: int) -> Iterator[None]:
-    """Context manager: MKL uses `count` threads in this thread."""
+    """Context manager: MKL uses `count` threads in calls of this thread; on leaving, as many as before."""
     library = _load_library()
     assert not isinstance(library, str)
     before = library.MKL_Set_Num_Threads_Local(ctypes.c_int(count))
@@ -460,7 +460,7 @@ class PardisoFactor:
     n_changed: int
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """Solution X, (n, n_right), of A X = `right`, real or complex.
+        """Solution X, (n, n_right), of A X = `right` (n, n_right) for the factorized matrix A; complex if either is.
 
         Raises
         ------

@@ -324,10 +324,10 @@ def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: Flo
 def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
     """Negative shift, (rad/s)^2, just below the lowest eigenvalues, and the inverse of K - shift M.
 
-    `stiffness` K and `mass` M are (n_dofs, n_dofs). The inverse is None if a diagonal entry is 0. A mean of all
-    eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies millions of times
-    above the lowest, which Lanczos then cannot separate. Inverse iterations of a small block show how far below they
-    lie, and the shift follows until it is near them.
+    `stiffness` K and `mass` M are (n_dofs, n_dofs). The inverse is None if a diagonal entry is 0. Minus a thousandth of
+    the mean of all eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies
+    millions of times farther from 0 than the lowest, which Lanczos then cannot separate. Inverse iterations of a small
+    block show how far off they lie, and the shift follows until it is near them.
     """
     shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
     least = _LEAST * shift

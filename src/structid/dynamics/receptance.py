@@ -48,9 +48,10 @@ class DynamicStiffness:
 
     @cached_property
     def merged(self) -> tuple[tuple[FloatArray, ComplexArray], ...]:
-        """Linearly independent rows of `data`, each with the factor (n_frequencies,) by which it enters Z.
+        """Rows of matrix entries (n_entries,), none a multiple of another, each with its factor (n_frequencies,) in Z.
 
-        Stiffness and structural damping merge into one row where all elements have the same loss factor.
+        Z is the dynamic stiffness, at each line the sum of rows times factors. Matrices of zeros are left out;
+        stiffness and structural damping merge into one row where all elements have the same loss factor.
         """
         rows: list[tuple[FloatArray, ComplexArray]] = []
         for matrix_index, row in enumerate(self.data):
@@ -67,9 +68,9 @@ class DynamicStiffness:
         return tuple(rows)
 
     def entries(self, line: int, is_damped: bool = True) -> NumberArray:
-        """Entries of Z, (n_entries,), at the line with index `line`: complex, or real if there is no damping.
+        """Entries of the dynamic stiffness Z, (n_entries,), at the line with index `line`; real without damping.
 
-        Without `is_damped`, the real part alone.
+        If not `is_damped`, the real part alone. Entries are in the order of the sparsity pattern.
         """
         real = self._weighted_sum([float(factor[line].real) for _, factor in self.merged])
         imaginary = [float(factor[line].imag) for _, factor in self.merged]
@@ -81,7 +82,7 @@ class DynamicStiffness:
         return total
 
     def _weighted_sum(self, factors: list[float]) -> FloatArray:
-        """Sum of the merged rows, (n_entries,), each times its entry of `factors`."""
+        """Sum of the merged rows of matrix entries, (n_entries,), each times its entry of `factors`."""
         total = np.zeros(self.data.shape[1])
         for (row, _), factor in zip(self.merged, factors, strict=True):
             if factor:
@@ -89,7 +90,9 @@ class DynamicStiffness:
         return total
 
     def solver(self, line: int, is_damped: bool = True) -> LineFactor:
-        """Factorization of Z at one line, or of its real part if not `is_damped`; valid until the next call.
+        """Factorization of the dynamic stiffness Z at the line with index `line`, of its real part if not `is_damped`.
+
+        It may be used until the next call only.
 
         Raises
         ------

@@ -118,9 +118,10 @@ class FieldSweep:
         return self._error
 
     def in_full(self) -> Iterator[NumberArray]:
-        """Fields at each line in turn, (n_dofs, n_columns), with a relative residual of at most 1e-10.
+        """Fields Z^-1 B at each line in turn, (n_dofs, n_columns), with a relative residual of at most 1e-10.
 
-        A single factorization serves all lines, in rounds; lines that do not converge get a separate factorization.
+        Z is the dynamic stiffness, B the right-hand sides. A single factorization serves all lines, in rounds; lines
+        that do not converge get a separate factorization.
         """
         self._add_undamped_line()
         for _ in range(_MOST_ROUNDS):
@@ -157,9 +158,10 @@ class FieldSweep:
             self._factorize_line()
 
     def _factorize_line(self, is_damped: bool = True) -> NumberArray:
-        """Fields (n_dofs, n_columns) at the current line by factorization of Z; they join the basis with their Krylov vectors.
+        """Fields Z^-1 B (n_dofs, n_columns) at the current line by factorization of the dynamic stiffness Z.
 
-        Without `is_damped`, the real part of Z is factorized, and the fields are of that.
+        They join the basis with their Krylov vectors. Without `is_damped`, the real part of Z is factorized, and the
+        fields are those of it.
         """
         self._last = None
         self.n_factorizations += 1
@@ -280,7 +282,10 @@ class FieldBasis:
         return self.vectors.shape[1]
 
     def grow(self, solver: LineFactor, fields: NumberArray) -> None:
-        """Add the solution `fields` at one line, and Krylov vectors about it, to the basis; `solver` is Z factorized there."""
+        """Add `fields`, the solution (n_dofs, n_columns) at one line, and Krylov vectors about it to the basis.
+
+        `solver` is the dynamic stiffness factorized at that line.
+        """
         krylov_vectors, n_real_columns = [fields], fields.shape[1] * (2 if np.iscomplexobj(fields) else 1)
         for _ in range(0 if self.mass is None else min(_MOST_MOMENTS, max(1, _FIELDS // n_real_columns - 1))):
             size = np.linalg.norm(krylov_vectors[-1], axis=0)
@@ -301,7 +306,10 @@ class FieldBasis:
         self._extend(solver.solve(residuals[:, size > 0] / size[size > 0]))
 
     def residual(self, line: int) -> NumberArray:
-        """Residual B - Z x of the projected fields at one line, (n_dofs, n_columns)."""
+        """Residual B - Z x at the line with index `line`, (n_dofs, n_columns); real if it has no imaginary part.
+
+        Z is the dynamic stiffness, B the right-hand sides, and x the field projected on the basis.
+        """
         x = self.coordinates(line)
         parts = [
             sum(
@@ -320,9 +328,10 @@ class FieldBasis:
 
     @property
     def residuals(self) -> FloatArray:
-        """Largest relative residual over the right-hand sides at every line, (n_lines,).
+        """Largest relative residual |B - Z x| / |B| over the right-hand sides B at every line, (n_lines,).
 
-        For more than 2000 degrees of freedom it is estimated from a random sketch, to about a tenth.
+        Z is the dynamic stiffness, x the field projected on the basis. For more than 2000 degrees of freedom the
+        residual is estimated from a random sketch, to about a tenth.
         """
         n_columns = self.right.shape[1]
         triangle = np.linalg.qr(
@@ -337,7 +346,10 @@ class FieldBasis:
         return norms
 
     def coordinates(self, line: int) -> ComplexArray:
-        """Coordinates of the fields in the basis at one line, (n_vectors, n_columns)."""
+        """Coordinates of the fields in the basis at the line with index `line`, (n_vectors, n_columns); cached.
+
+        They solve the equations of motion projected on the basis.
+        """
         if line not in self._cache:
             small = sum(
                 complex(factor[line]) * matrix for factor, matrix in zip(self.factors, self._projected, strict=True)
@@ -346,7 +358,7 @@ class FieldBasis:
         return self._cache[line]
 
     def fields(self, line: int) -> NumberArray:
-        """Fields at one line, (n_dofs, n_columns); real if the model has no damping."""
+        """Fields by the basis at the line with index `line`, (n_dofs, n_columns); real if the model has no damping."""
         x = self.coordinates(line)
         if not x.imag.any():
             return np.asarray(self.vectors @ x.real)

@@ -169,9 +169,9 @@ class _ModalSystem:
         return Transient(time, displacement, velocity, linalg.solve(self.mass, inertia.T, assume_a="pos").T)
 
     def state_matrix(self) -> tuple[FloatArray, FloatArray]:
-        """Matrix A of the state [scale q; dq/dt], (2 n_modes, 2 n_modes), and the scale, (n_modes,).
+        """Matrix A of x' = A x for the state x = [scale q; q'], (2 n_modes, 2 n_modes), and the scale, (n_modes,).
 
-        The scale makes A nearly skew-symmetric, so that its exponential is accurate.
+        q are modal displacements. The scale makes A nearly skew-symmetric, so that its exponential is accurate.
         """
         n = len(self.natural)
         scale = np.where(self.natural > 1e-6 * self.natural.max(initial=0.0), self.natural, 1.0)

@@ -76,14 +76,16 @@ class RecordPiece:
 
 
 def outputs(records: TimeRecord | Sequence[TimeRecord] | ScaledMotion) -> ScaledMotion:
-    """Motion channels of the records, each divided by its root mean square over all records; forces are left out.
+    """Motion channels of one or more records, each divided by its root mean square over all records, without forces.
 
-    `ScaledMotion` are returned as they are.
+    Channels are in the order of the first record, samples (n_times, n_channels) for each record; means are not
+    subtracted. A `ScaledMotion` is returned as it is.
 
     Raises
     ------
     InputError
-        If there is no record, channels or sampling rates differ, there are only forces, or a channel is dead or constant.
+        If there is no record, channels or sampling rates differ, there are only forces, or a channel is dead or
+        constant.
     """
     if isinstance(records, ScaledMotion):
         return records

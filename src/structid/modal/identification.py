@@ -120,16 +120,17 @@ def identify_modes(
 def modal_identification(
     records: Records, method: str | None = None, options: ModalOptions | None = None
 ) -> ModalIdentification:
-    """Modes of records by `method`, with the poles of all model orders and their clusters; see `identify_modes`.
+    """Modes of records by `method`, with the poles of all model orders and their clusters where the method has them.
 
-    `method` None is the default for the kind of record. Modes with a relative standard deviation of frequency above
-    `options.deviation`, where that is set, go to `left_out`.
+    `method` None is ``pencil`` for time records, ``lscf`` for FRFs, ``efdd`` for spectra and ``ssi_cov`` for
+    correlation functions. Modes with a relative standard deviation of frequency above `options.deviation`, where that
+    is set, go to `left_out`.
 
     Raises
     ------
     InputError
-        If `records` are empty or of another class, the method does not exist or does not suit them, or a frequency asked for lies
-        above half the sampling rate.
+        If `records` are empty or of another class, the method does not exist or does not suit them, or a frequency
+        asked for lies above half the sampling rate.
     NoModesError
         If no mode can be relied on.
     """

@@ -224,7 +224,7 @@ class ModalRecord(Shown):
         return np.asarray(self.omega * (-ratio + 1j * np.sqrt(1 - ratio**2)))
 
     def some_modes(self, indices: Sequence[int] | IntArray) -> ModalRecord:
-        """Copy with the modes at `indices` (from 0), in increasing order, and what is known of their errors."""
+        """Copy with the modes at `indices` (from 0), in increasing order, their covariance, deviations and changes."""
         keep = np.sort(np.asarray(indices, dtype=int))
         both = np.concatenate([keep, keep + self.n_modes])
         own = self.changes

@@ -277,9 +277,9 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
 def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
     """Eigenvalues and vectors (columns of `x`), with nearly real conjugate pairs replaced by two real ones each.
 
-    The two vectors are real and imaginary part of the first. Pairs stand side by side, the positive imaginary part
-    first, as LAPACK gives them. Both results are real if all eigenvalues are, nearly. `eigenvalues` is (n,), `x`
-    (n_rows, n).
+    Nearly real is an imaginary part of at most 1e-6 of the largest eigenvalue. The two vectors are real and imaginary
+    part of the first. Pairs stand side by side, the positive imaginary part first, as LAPACK gives them. Both results
+    are real if all eigenvalues are, nearly. `eigenvalues` is (n,), `x` (n_rows, n).
     """
     if np.isrealobj(eigenvalues):
         return eigenvalues, x

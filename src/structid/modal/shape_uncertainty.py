@@ -86,7 +86,10 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
     shapes = [np.where(modes.known, modes.mode_shapes, 0.0) for modes in (first, second)]
 
     def mac_of(x: ComplexArray, y: ComplexArray) -> FloatArray:
-        """MAC of shapes `x` and `y` (..., n_channels, n_modes), over the entries that both know."""
+        """MAC (..., n_first, n_second) of shapes `x` and `y` (..., n_channels, n_modes), over entries that both know.
+
+        Unknown entries are 0 in the shapes; NaN for a pair that shares no known entry.
+        """
         cross = np.abs(np.einsum("...ci,...cj->...ij", x.conj(), y)) ** 2
         of_first = np.einsum("...ci,cj->...ij", np.abs(x) ** 2, known[1])
         of_second = np.einsum("ci,...cj->...ij", known[0], np.abs(y) ** 2)
@@ -101,9 +104,10 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
 
 
 def _of_every_mode(modes: ModalRecord, quantity: Callable[[ComplexArray], FloatArray]) -> ShapeQuantity:
-    """`ShapeQuantity` (n_modes,) of a function of shapes, with standard deviations from `_DRAWS` drawn sets of shapes.
+    """`ShapeQuantity` (n_modes,) of a function of shapes, with standard deviations from 500 drawn sets of shapes.
 
-    `quantity` maps shapes (n_channels, n) to values (n,). Deviations are NaN if `modes` state no errors of shapes.
+    `quantity` maps shapes (n_channels, n) to values (n,). Deviations are NaN if `modes` state no errors of shapes. The
+    random numbers are always the same.
     """
     shapes = modes.mode_shapes.astype(complex)
     value, changes = quantity(shapes), _drawn_shapes(modes, np.random.default_rng(0))

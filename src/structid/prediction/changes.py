@@ -44,7 +44,7 @@ class AddMass:
     mass: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """Structure with the point mass added, and its parameters.
+        """Structure with a point mass (kg) added at the node, and parameters with the same unknowns as before.
 
         Raises
         ------
@@ -115,7 +115,10 @@ class Remove:
     name: str
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """Structure without the element set, and its parameters; `InputError` if it has no such set."""
+        """Structure without the element set of that name, and parameters with the same unknowns as before.
+
+        `InputError` if the structure has no such set.
+        """
         kept = tuple(element for element in structure.elements if element.name != self.name)
         if len(kept) == len(structure.elements):
             near = difflib.get_close_matches(self.name, [element.name for element in structure.elements], 1, 0.0)
@@ -156,13 +159,16 @@ class AddTunedMassDamper:
     damping_ratio: float
 
     def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
-        """Structure with a mass on a new node, joined by a spring and a dashpot, and its parameters.
+        """Structure with a mass on a new node, joined to a translation by a spring and a dashpot, and its parameters.
+
+        The new node has the next free label and lies at the damper's foot. The parameters have the same unknowns as
+        before.
 
         Raises
         ------
         InputError
-            If the place is a rotation or not in the structure, or a value is not positive or too large (mass above that of the
-            structure, damping ratio above 10).
+            If the degree of freedom is a rotation or not in the structure, or a value is not positive or too large
+            (mass above that of the structure, damping ratio above 10).
         """
         at = parse_dof(self.dof).unsigned
         if at.is_rotation:

@@ -92,7 +92,11 @@ class PredictOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for an option out of its limits, or a band that does not rise from above 0 Hz."""
+        """Raise `InputError` for an option out of its limits, or options that exclude each other or lack others.
+
+        A band must rise from above 0 Hz, `participation` name each of X, Y and Z once at most, only one of `history`,
+        `half_sine` and `sine` be given, and loads that are made have a duration and a sampling rate.
+        """
         require_declared(self)
         if self.band is not None:
             require_band("band", self.band, is_zero_allowed=False, is_open_allowed=False)

@@ -66,9 +66,11 @@ class ModalParticipation:
             )
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """Function from physical parameters (n_params,) to factors, effective masses and parts, (n_modes, 3).
+        """Function from parameters (n_params,) to participation, effective mass and part of the mass, (n_modes, 3).
 
-        Modes are matched to those at the first of `points`, physical parameters (n_params,) each.
+        Participation factors are for mass-normalized modes (square root of kg), without sign; effective masses are in
+        kg, and the part is of the mass that moves along the axis. Modes are matched to those at the first of `points`,
+        physical parameters (n_params,) each.
 
         Raises
         ------
@@ -80,7 +82,10 @@ class ModalParticipation:
         n_values = len(released.values)  # damping ratios, which stand last, are left out
 
         def evaluate(physical: FloatArray) -> FloatArray:
-            """Factor, effective mass and part of the mass of each mode, (n_modes, 3), at the physical parameters (n_params,)."""
+            """Participation (root of kg), effective mass (kg) and part of the mass, (n_modes, 3), at `physical`.
+
+            `physical` (n_params,) are the parameters. `InputError` if no mass moves along the axis.
+            """
             mass_times_motion = released.matrix("mass", parameters.values(physical)[:n_values]) @ motion
             total_mass = float(motion @ mass_times_motion)
             if not total_mass > 0:

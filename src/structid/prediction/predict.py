@@ -333,7 +333,11 @@ def _base_of(quantity: Quantity) -> Quantity:
 
 
 def _derive(quantity: Quantity, drawn: _ValueAndDraws) -> _ValueAndDraws:
-    """Quantity from its base, by the identified model and by the random models; `drawn` as it is if not derived."""
+    """Derived quantity, such as a maximum, of its base (a history): the pair `drawn` of value and draws, mapped by it.
+
+    `drawn` has the values by the identified model and (n_draws, ...) those by the random ones. It is returned as it is
+    if the quantity is not derived from another.
+    """
     if not isinstance(quantity, DerivedQuantity):
         return drawn
     nominal, draws = drawn

@@ -104,9 +104,10 @@ class Frf:
         frequency: Sequence[float] | FloatArray,
         kind: FrfKind = "accelerance",
     ) -> None:
-        """Read the names of sensors and loads, and require an increasing axis of frequencies above 0 Hz.
+        """Read names of sensors and loads; raise `InputError` unless frequencies increase from above 0 Hz and all fits.
 
-        `outputs` and `inputs` are names such as "12Y+" or objects; `frequency` is (n_frequencies,) in Hz.
+        `outputs` and `inputs` are names such as "12Y+" or objects; `frequency` is (n_frequencies,) in Hz. Bases among
+        the inputs need `kind` transmissibility, and must then be all of them.
         """
         lines = np.asarray(frequency, dtype=np.float64)
         require_shape("frequency", lines, (None,))
@@ -295,9 +296,12 @@ class History:
         relative: bool = False,
         is_filtered: bool | Sequence[bool] = False,
     ) -> None:
-        """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion.
+        """Read names of sensors and loads; raise `InputError` unless loads are finite and the rate positive.
 
-        `loads` is (n_times, n_inputs); `sampling_rate` is in Hz.
+        `loads` (n_times, n_inputs) are in N, N m or, of bases, m/s^2; `sampling_rate` is in Hz. `motion` is the
+        quantity read at sensors. `relative` asks for motion beyond that of moving supports, and needs a base among the
+        inputs. `is_filtered`, one value or one for each input, says that loads were measured behind a filter against
+        aliasing.
         """
         sensors, driven = (
             distinct_channels("outputs", parse_outputs(outputs)),
@@ -472,7 +476,7 @@ class Spectrum:
     density: FloatArray = field(repr=False)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` unless there is a density of at least 0 for each line and load."""
+        """Raise `InputError` unless `density` is (n_frequencies, n_inputs), finite and at least 0."""
         density = np.asarray(self.density, dtype=np.float64)
         n_lines, n_inputs = len(self.frf.frequency), len(self.frf.inputs)
         require_shape("density", density, (n_lines, n_inputs), "one value a line and load")

@@ -98,7 +98,10 @@ class SectionForce:
         return "N m" if self.component[0] in "MT" else "N"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """Force at the end of the element as a single sum of weighted columns over the free degrees of freedom.
+        """Force at the end of the element as one sum of terms: column over free degrees of freedom, weight, order.
+
+        Terms of stiffness act on displacements (order 0), of damping on velocities (1) and of mass on accelerations
+        (2).
 
         Raises
         ------
@@ -171,7 +174,10 @@ class FibreStress:
         return "1" if self.youngs_modulus is None else "Pa"
 
     def terms(self, structure: Structure) -> list[list[_Term]]:
-        """Stress or strain of the fibre as a single sum of weighted columns over the free degrees of freedom.
+        """Stress or strain of the fibre as one sum of terms: column over free degrees of freedom, weight, order.
+
+        Axial force and bending moments at the end are divided by the stiffness of the section, and multiplied by
+        Young's modulus for a stress.
 
         Raises
         ------

@@ -84,7 +84,10 @@ class StateSpace(Shown):
         return np.asarray(self.c @ states + self.d)
 
     def write(self, path: str | Path) -> None:
-        """Write the equations to a .mat (MATLAB 5), .npz or .h5 file, with `draws` as arrays with a leading axis.
+        """Write the equations to a .mat (MATLAB 5), .npz or .h5 file, complete or not at all.
+
+        Arrays are a, b, c and d, names of outputs and inputs, motion, band, error and sampling rate (0 in continuous
+        time); models drawn are a_draws and so on, with a leading axis.
 
         Raises
         ------
@@ -379,7 +382,7 @@ class _Equations:
     def padded(self, order: int, highest: float) -> _Equations:
         """Equations with `order` states in all: states that stay at rest are appended to the present ones.
 
-        `highest`, Hz, sets how fast the appended states decay.
+        `highest`, Hz, sets how fast the appended states decay. Nothing is appended to `order` states or more.
         """
         extra = max(order - self.n_states, 0)
         a = linalg.block_diag(self.a, -2 * np.pi * highest * np.eye(extra))
@@ -387,7 +390,10 @@ class _Equations:
         return replace(self, a=a, b=b, c=c)
 
     def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Matrices (a, b, c, d) from sample to sample for loads constant in between, `rate` in Hz; continuous time if None."""
+        """Matrices (a, b, c, d) from sample to sample for loads constant in between; continuous if `rate` (Hz) is None.
+
+        Differentiated outputs, accelerations, become a part of the state and a direct part of the loads.
+        """
         c, d = (self.c @ self.a, self.d + self.c @ self.b) if self.is_differentiated else (self.c, self.d)
         if rate is None:
             return self.a, self.b, c, d

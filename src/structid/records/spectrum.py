@@ -111,7 +111,11 @@ class SpectrumRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Convert and check the arguments: shapes, finite values, channels named once, evenly spaced frequencies."""
+        """Make arrays read-only and channels `Dof`, and raise `InputError` on what makes no record of spectra.
+
+        Values must be finite, channels named once, references be among them, and frequencies at least three evenly
+        spaced lines.
+        """
         channels, references, quantities = checked_channels(
             self.channels, self.references, self.quantities, self.averages
         )

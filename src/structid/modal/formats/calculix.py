@@ -64,7 +64,9 @@ def frd_modes(path: Path, text: str) -> PrintedModes:
 
 
 def read_modes_calculix(path: Path, options: ModeFileOptions) -> ModalRecord:
-    """The modes of a CalculiX result file at the directions that move, largest entry 1 unless `options` state units.
+    """The modes of a CalculiX result file at the translations that move, largest entry 1.
+
+    Modal masses are 1 instead where `options` state units of length and force and the file has generalized masses.
 
     Raises
     ------

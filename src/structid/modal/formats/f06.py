@@ -150,7 +150,11 @@ class _Listing:
             self.page.mode = int(match[1])
 
     def _read_title(self, number: int, line: str) -> None:
-        """Read a title in spaced letters, line `number`: begin the eigenvalue table or the page of a vector, or end either."""
+        """Read a title in spaced letters, line `number` (from 1) of the listing with text `line`, and set the state.
+
+        The title of the table of real eigenvalues begins that table; that of an eigenvector begins the vector, added to
+        `vectors` with the context that earlier lines have left; any other title ends both.
+        """
         self.state = ""
         if _REAL_TABLE.search(line):
             self.state = "table"
@@ -205,9 +209,10 @@ class _Listing:
             )
 
     def _read_row(self, number: int, line: str) -> bool:
-        """Read a row of the vector; returns True if the line is a row or blank, so that the table goes on.
+        """Read a row of the present vector from a line; True if it is a row or blank, and the vector goes on.
 
-        `number` is that of the line, from 1. `FileError` if the row is damaged or contradicts an earlier print of the point.
+        Any other text but ``SYS`` ends the vector. `number` is that of the line, from 1. Scalar points are counted
+        only. `FileError` if the row is damaged or contradicts an earlier print of the point.
         """
         assert self.vector is not None
         if match := _POINT_ROW.match(line):

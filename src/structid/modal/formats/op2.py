@@ -178,10 +178,11 @@ def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
 
 
 def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[tuple[VectorKey, complex, PrintedMode]]:
-    """Key, eigenvalue (omega^2, or s of complex modes) and mode of each eigenvector in a table.
+    """Key, eigenvalue (omega^2, or s of complex modes) and mode of each eigenvector in a table, in the table's order.
 
-    `system` is the number of the coordinate system of the vectors, -1 if not known. The `eigenvalue` of the mode is this value
-    too. `FileError` if vectors are sorted by points, damaged or not finite.
+    Values are (n_points, 6), complex if the table says so; other results of the table are passed over. `system` is the
+    number of the coordinate system of the vectors, -1 if not known. The `eigenvalue` of the mode is this value too.
+    `FileError` if vectors are sorted by points, damaged or not finite.
     """
     for heading, data in zip(table.parts[0::2], table.parts[1::2], strict=False):
         if len(heading) != _HEADING * words.size:

@@ -83,7 +83,10 @@ def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) 
 
 
 def _mode_lines(modes: ModalRecord, k: int) -> list[str]:
-    """Lines of a dataset 55 for the mode with index `k`."""
+    """Lines of text of a dataset 55 for the mode with index `k` (from 0), in SI units; directions not measured are 0.
+
+    An unknown damping ratio is written as 0. Modal mass or modal A stand only where shapes are scaled to mass, else 0.
+    """
     is_complex = np.iscomplexobj(modes.mode_shapes)
     n_values = 6 if any(dof.is_rotation for dof in modes.channels) else 3
     omega, ratio = modes.omega[k], np.nan_to_num(modes.damping_ratio[k])
@@ -285,9 +288,9 @@ def _require_vibrations(modes: list[_Mode]) -> None:
 
 
 def _units(path: Path, blocks: Sequence[UffDataset], options: ModeFileOptions) -> tuple[float, float, bool]:
-    """Units of length (m) and force (N) of a universal file, and True if the file or options state the unit of length.
+    """Units of length (m) and of force (N) of a universal file, and True if the file or options state that of length.
 
-    `InputError` if an option contradicts the file; 1.0 where neither states a unit.
+    A unit is 1.0 where neither dataset 164 nor an option states it. `InputError` if an option contradicts the file.
     """
     factors = read_unit_factors(path, blocks)
     stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)

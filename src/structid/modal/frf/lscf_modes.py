@@ -217,11 +217,11 @@ def _fit_with_residual_modes(
 def _wider(
     data: FrfData, at: PolesAndParticipation, widths: Sequence[tuple[int, int]]
 ) -> tuple[tuple[int, int], FrfData, PolesAndParticipation] | None:
-    """More powers of s for modes outside the band: their numbers (below, above), data and refitted poles; None if none pays.
+    """More powers of s for modes outside the band: numbers (below, above), data and refitted poles; None if none pays.
 
-    `widths` are candidate numbers (below, above) of steps in `_outside`; the one with the least misfit at the present poles is
-    tried first. No more than half of the real values may be taken up by unknowns, and each new unknown must lower the misfit by
-    twice the mean square of the residual.
+    `widths` are candidate numbers (below, above) of powers on either side; the one with the least misfit at the present
+    poles `at` is tried first. No more than half of the real values may be taken up by unknowns, and each new unknown
+    must lower the misfit by twice the mean square of the residual.
     """
     cost, freedom = misfit(data, at), _freedom(data, at)
     trials = [(width, replace(data, outside=_outside(*width))) for width in widths]

@@ -98,7 +98,7 @@ class PolesAndParticipation:
         return np.concatenate([np.abs(self.poles), np.abs(self.poles), entries, entries])[self.free]
 
     def moved(self, step: FloatArray) -> PolesAndParticipation:
-        """Copy with `step` (n_unknowns,) added to the free unknowns, in the order of `free`."""
+        """Copy with `step` (n_unknowns,) added to the free ones of Re and Im of poles, then of participation."""
         n_inputs, n = self.participation.shape
         whole = np.zeros(2 * n + 2 * n_inputs * n)
         whole[self.free] = step
@@ -157,9 +157,10 @@ class OutputBlock:
 def output_blocks(
     data: FrfData, at: PolesAndParticipation, free: IntArray | None = None, with_slopes: bool = True
 ) -> Iterator[OutputBlock]:
-    """Blocks of the least-squares problem, one for each output in turn.
+    """Least-squares fit of the shape entries of each output at the poles and participation `at`, output by output.
 
-    Derivatives are by the unknowns `free` (column numbers of `slopes`; by default those of `at`), and left out (zero columns)
+    Each block has the fitted coefficients, the weighted residual and its derivatives by the poles and participation.
+    They are by the unknowns `free` (column numbers of `slopes`; by default the free ones of `at`), and without columns
     unless `with_slopes`.
 
     Raises

@@ -263,9 +263,10 @@ class _Pool:
 
 
 def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
-    """Cluster of the poles `members` (indices) of a pool, with its central pole, stability and medians.
+    """Cluster of the poles `members` (indices in the pool), with its central pole, stability and medians.
 
-    `distance` (n_poles, n_poles) is that between the poles of the pool.
+    The central pole has the least sum of distances to the others; stability is the number of poles over that of orders
+    from the first on that shows one. `distance` (n_poles, n_poles) is that between the poles of the pool.
     """
     s, number = pool.poles[members], pool.number[members]
     total = _total_distances(members, distance)

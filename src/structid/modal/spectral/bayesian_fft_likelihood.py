@@ -234,9 +234,10 @@ def negative_log_likelihood(data: BandLines, modes: BandModes) -> float:
 
 
 def gradient(data: BandLines, chart: Chart, x: FloatArray) -> tuple[float, FloatArray]:
-    """Negative log-likelihood at coordinates `x` (size,) of a chart, and its gradient (size,).
+    """Negative log-likelihood at coordinates `x` (size,) of a chart, up to a constant, and its gradient (size,).
 
-    With W_k = E_k^-1 - a_k a_k^*, a_k = E_k^-1 F_k, the change is the sum of tr(W_k dE_k).
+    With the lines F_k, their covariances E_k, a_k = E_k^-1 F_k and W_k = E_k^-1 - a_k a_k^*, the change is the sum of
+    tr(W_k dE_k).
     """
     modes, m = modes_at(chart, x), chart.centre.n_modes
     h, dh_f, dh_zeta = transfer(data, modes)

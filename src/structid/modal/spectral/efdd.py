@@ -180,7 +180,10 @@ def _mode(
 
 
 def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generator) -> FloatArray:
-    """Random factors (n_draws, n_lines) with mean 1, by which a spectrum of so many `averages` under Hann windows scatters."""
+    """Random factors (n_draws, n_lines) with mean 1, by which a mean of `averages` spectra under Hann windows scatters.
+
+    Neighbouring lines are correlated as the windows make them; `n_lines` is the number of lines.
+    """
     count = min(max(round(averages), 1), _DRAWN)
     parts = rng.standard_normal((2, n_draws, count, n_lines + 2))
     parts = sum(weight * parts[..., k : k + n_lines] for k, weight in enumerate(_HANN))

@@ -146,9 +146,10 @@ def singular_spectrum(data: ScaledMotion, segment: int) -> Spectrum:
 
 
 def coherence(spectrum: Spectrum, line: int) -> float:
-    """Modal coherence (0 to 1) of the line with index `line`: mean MAC of its first singular vector with two neighbours.
+    """Modal coherence (0 to 1) of the line with index `line`: mean MAC of the first singular vector with two lines'.
 
-    The neighbours are those on the better side, since the vector turns quickly between the peaks of close modes.
+    The two lines before and the two after are tried, and the greater mean is taken, since the vector turns quickly
+    between the peaks of close modes.
     """
     sides = []
     for near in ([line - 2, line - 1], [line + 1, line + 2]):

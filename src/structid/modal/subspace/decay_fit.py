@@ -166,7 +166,11 @@ def noise_strength(data: ScaledMotion) -> float:
 
 
 def schwarz(data: ScaledMotion, poles: ComplexArray) -> float:
-    """Schwarz's (1978) information criterion of a free decay with `poles` (rad/s); the lowest value marks the best set."""
+    """Schwarz's (1978) information criterion of a free decay with `poles` (rad/s); the lowest value marks the best set.
+
+    It is twice the negative log-likelihood of white noise of unknown size in each channel, plus the logarithm of the
+    number of values for each real number in poles and amplitudes.
+    """
     n_samples = sum(len(y) for y in data.series)
     unknowns = 2 * len(poles) * (1 + len(data.series) * data.n_channels)
     misfit = 2 * n_samples * float(np.sum(np.log(_noise(_project_records(data, poles)))))

@@ -132,12 +132,12 @@ def _require_full(triangle: FloatArray, order: int) -> None:
 
 
 def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tuple[Poles, ...]:
-    """Poles and shapes of the model of every order, one `Poles` for each of `orders`, numbers of states.
+    """Poles and shapes of the model of every order, one `Poles` for each of `orders` (numbers of states), in order.
 
     Raises
     ------
     InputError
-        If an order is not between 1 and the greatest that the method has room for.
+        If an order is not between 1 and `subspace.max_order`, the greatest that the matrix has room for.
     """
     for order in orders:
         if not 1 <= order <= subspace.max_order:

@@ -346,8 +346,9 @@ def _is_steady(data: ScaledMotion, modes: ModalRecord) -> NDArray[np.bool_]:
 def _block_rows(data: ScaledMotion, given: int | None) -> int:
     """Number of block rows of the Hankel matrix: `given`, or else enough for the largest model order.
 
-    By default they hold twice `MAX_ORDER` states, and are at least `BLOCK_ROWS` and at most an eighth of the samples of the
-    shortest record. `InputError` if it is below 2, so by default if a record has fewer than 16 samples.
+    By default they have room for 120 states (twice the greatest order of 60), and are at least 30, but at most an
+    eighth of the samples of the shortest record. `InputError` if it is below 2, so by default if a record has fewer
+    than 16 samples.
     """
     shortest = min(len(y) for y in data.series)
     if given is not None:

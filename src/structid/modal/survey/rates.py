@@ -35,8 +35,8 @@ _OF_TWO = "come from the record at two sampling rates"
 def lower_rate(record: TimeRecord) -> float | None:
     """Lower sampling rate (Hz) that suits the lowest spectral peak; None if the record's own rate suits it.
 
-    A peak counts if it stands out by a factor of 10 and has more than 20 samples per period. The new rate leaves about `_SAMPLES`
-    samples per period of the lowest such peak, and at least about 2000 samples in all.
+    A peak counts if it stands out by a factor of 10 and has more than 20 samples per period. The new rate leaves 12
+    samples or more per period of the lowest such peak, and at least about 2000 samples in all.
     """
     from scipy.signal import find_peaks
 
@@ -161,8 +161,8 @@ def _likely_alone(
 ) -> NDArray[np.bool_]:
     """Mask (n_modes,) of the likely modes of `identification` that the `other` analysis does not have.
 
-    Likely is a probability of at least `LIKELY`. `taken` is a mask over the modes of `other`; a mode near one of these
-    in frequency is not alone.
+    Likely is a probability of at least 0.8. `taken` is a mask over the modes of `other`; a mode within its half-power
+    bandwidth plus three standard deviations of one of these in frequency is not alone.
     """
     modes = identification.modes
     gap = np.abs(modes.frequency[:, None] - other.frequency[taken])

@@ -244,10 +244,10 @@ def read_and_identify(
 def _modes_of_averages(
     path: Path, options: ModesOptions, read: ReadOptions, geometry: str | Path | None, kind: str
 ) -> ModesResult:
-    """Modes of the stored spectra or correlation functions in a file; `kind` is `SPECTRUM` or `CORRELATION`.
+    """Modes of the stored spectra or correlation functions in a file; `kind` is "spectrum" or "correlation".
 
-    Raises `InputError` if an option is set that the method does not use. `geometry` is a file of node positions or
-    None.
+    `geometry` is a file of node positions, or None for those that a universal file holds itself. Raises `InputError` if
+    an option is set that the method does not use, `NoModesError` if no mode is found.
     """
     record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
     is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")
@@ -423,10 +423,10 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 
 
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
-    """Median kurtosis over channels of narrow-band motion at each mode, (n_modes,): 1.5 for a tone, 3 for random response.
+    """Median kurtosis over channels of narrow-band motion at each mode, (n_modes,): 1.5 for a tone, 3 if random.
 
-    NaN for FRFs, for damping ratios from `HARDLY_DAMPED` on, for modes of a free decay whose damping is significant (no tone dies
-    out), and for frequencies too close to half the sampling rate.
+    NaN for FRFs, for damping ratios of 0.001 and more, for modes of a free decay whose damping is significant (no tone
+    dies out), and for frequencies above 0.8 of half the sampling rate.
     """
     modes = identification.modes
     kurtosis = np.full(modes.n_modes, np.nan)

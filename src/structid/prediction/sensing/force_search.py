@@ -181,6 +181,11 @@ def likeliest_frequency(
         return ForceProcess(time, size, frequency)
 
     def unlikely(point: FloatArray) -> float:
+        """Negative log-likelihood of the record under forces of `point`, logarithms (3,) of time, frequency, size.
+
+        Infinite outside the limits, where the forces would move the sensors by far more than the record, or without a
+        filter.
+        """
         is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
         if not is_within:
             return float("inf")
@@ -194,6 +199,10 @@ def likeliest_frequency(
             return float("inf")
 
     def first_point(time: float) -> FloatArray:
+        """Logarithms (3,) of a correlation `time` (s), the frequency of the peak (Hz) and a size of the forces (N).
+
+        The size is the lesser of that of the forces sensed before and that which makes the measured motion.
+        """
         process = of_point(np.log([time, peak, first]))
         try:
             return np.log([time, peak, min(process.std, _first_std(setup, reduced, process))])
@@ -222,7 +231,10 @@ def _first_std(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProc
 
 
 def _std_of_motion(setup: SensingSetup, system: StateEquations, std: float) -> float:
-    """Standard deviation of the unknown forces, N, that makes the measured motion; `std` is that of `system`."""
+    """Standard deviation of the unknown forces, N, that makes the measured motion; `std` is that of `system`, N.
+
+    The record's mean squares are fitted over the sensors. `NoAnswerError` if no sensor moves with the forces.
+    """
     covariance = stationary_covariance(system, system.noise, len(setup.channels.measured))
     made = np.einsum("ij,jk,ik->i", system.reading, covariance, system.reading) / std**2
     if not made.max() > 0:

@@ -114,9 +114,10 @@ class ForceModel:
 
     @classmethod
     def of(cls, process: ForceProcess, filtered_rate: float | None) -> ForceModel:
-        """Model of a force of the spectrum of `process`, from low-passes of first order in a row.
+        """Model of a force of the spectrum of `process`, of unit variance: states, white noise behind them, output.
 
-        It is the force as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
+        The force is white noise behind low-passes of first order in a row, about a frequency if the process has one,
+        and as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
         `NoAnswerError` if the force is so near to a sine that its covariance loses its digits.
         """
         frequency, order = process.frequency, process.order

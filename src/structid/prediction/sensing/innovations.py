@@ -53,9 +53,9 @@ def mean_square(whitened: FloatArray) -> float:
 
 
 def foretold_part(whitened: FloatArray) -> float:
-    """Squared correlations of innovations `whitened` (n_times, n) with earlier ones, summed over lags and directions, over n.
+    """Sum over lags of squared correlations between innovations `whitened` (n_times, n) and earlier ones, over n.
 
-    Lags run to `_LAGS` samples, or a quarter of the record if that is less. Where it is small it is about the part of their
+    Lags run to 50 samples, or a quarter of the record if that is less. Where it is small it is about the part of their
     variance that a linear prediction from earlier ones would remove; it may exceed 1. Chance alone makes it n n_lags /
     n_times. Hosking (1980), J. Am. Stat. Assoc. 75, 602-608.
     """

@@ -127,9 +127,10 @@ def log_likelihood(setup: SensingSetup, reduced: ReducedMatrices, process: Force
 
 
 def steady_filter(setup: SensingSetup, system: StateEquations) -> SteadyFilter:
-    """Prepare the part of a filter under the equations `system` that all readings under the known forces share.
+    """The part of a Kalman filter under the equations `system` that all readings under the known forces share.
 
-    Before the record known forces count as noise of ten times their size, since nobody knows what they did then.
+    It holds gains and covariances once they have settled, and those of the first state. Before the record known forces
+    count as noise of ten times their size, since nobody knows what they did then.
 
     Raises `NoAnswerError` if the sensors see too little or the filter loses its digits.
     """

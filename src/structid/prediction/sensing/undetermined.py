@@ -27,11 +27,12 @@ _LOOKED_AT, _RESTING = 40, 0.3
 def slow_motion_words(
     setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess, outputs: Sequence[Output], motion: str
 ) -> tuple[str, ...]:
-    """A sentence on the first outputs, `outputs`, whose bands rest on the spectrum that was estimated for the forces; else ().
+    """Sentence on those of `outputs` whose bands rest on the spectrum that was estimated for the forces; () if none do.
 
-    Bands do so where, from the lowest frequency on, more than half of the variance of the motion remains open, and this makes a
-    large part of the variance of its error. Accelerometers hardly tell slow motion: their noise hides it. Its band is then that
-    of forces whose size at low frequencies follows from a spectrum fitted to high ones. `motion` is the word for what is sensed.
+    Bands do so where, from the lowest frequency on, more than half of the variance of the motion remains open, and this
+    makes over 30 % of the variance of its error. Accelerometers hardly tell slow motion: their noise hides it. Its band
+    is then that of forces whose size at low frequencies follows from a spectrum fitted to high ones. `outputs` are the
+    first of the outputs of the filter; `motion` is the word for what is sensed.
     """
     frequency = np.geomspace(setup.rate / len(setup.driving), setup.rate / 2, _LOOKED_AT)
     tables = error_spectra(setup, reduced, process, frequency)

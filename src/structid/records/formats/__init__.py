@@ -128,7 +128,7 @@ def _require_applicable(path: Path, module: FormatModule | LoggerFormat, options
 
 
 def write_record(path: str | os.PathLike[str], record: FrfRecord | TimeRecord) -> None:
-    """Write `record` to `path`, whole or not at all, in the format of the suffix.
+    """Write `record` to `path`, whole or not at all, in the format of the suffix; an existing file is replaced.
 
     NPZ, HDF5 and MAT keep everything. CSV keeps values, coherence and standard deviations of FRFs; UFF keeps values,
     coherence and averages.
@@ -138,7 +138,7 @@ def write_record(path: str | os.PathLike[str], record: FrfRecord | TimeRecord) -
     FileError
         If the suffix is not known or the file cannot be written; a file already there stays as it was.
     InputError
-        If the record lies right of the axis (`FrfRecord.decay`), which no format keeps.
+        If the FRFs have a `decay` (damping added by a window or by smoothing), which no format keeps.
     """
     require_class("path", path, (str, os.PathLike), "the path comes first, then the record")
     require_class("record", record, (FrfRecord, TimeRecord), "modes go to a file by `structid modes`")

@@ -70,9 +70,10 @@ def _select_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecor
 
 
 def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:
-    """The time record reduced to the channels in `options` and to the samples from `start` to `stop`.
+    """Time record reduced to the channels in `options`, in their order, and to samples from `start` to `stop`, in s.
 
-    Raises `InputError` for options of FRFs, and for rates or quantities that contradict the record.
+    All are kept where an option is not set. Raises `InputError` for options of FRFs, for rates or quantities that
+    contradict the record, for a channel that is missing, and if no sample is left.
     """
     frf_options = ("frequency_array", "outputs", "inputs", "kind", "coherence_array", "averages")
     refuse_options(path, "time histories", options, frf_options)

@@ -104,8 +104,9 @@ def read_correlation(path: str | Path, options: ReadOptions | None = None) -> Co
 def _bare_correlation(path: Path, options: ReadOptions) -> CorrelationRecord:
     """The correlation functions in an unlabelled array of a file, as the options describe it, in SI units.
 
-    Lags run from 0 s on at `options.sampling_rate`; a second half with negative lags is dropped. Raises `InputError` or
-    `FileError` if options are missing or do not fit.
+    The array is (n_lags, n_channels, n_references). Lags run from 0 s on at `options.sampling_rate`; a second half with
+    negative lags is dropped. Raises `InputError` if an option is missing or does not fit the array, `FileError` if the
+    array is missing or holds no real numbers.
     """
     _refuse_others(path, options, _OF_CORRELATIONS, "correlation functions")
     names, load = _arrays(path)

@@ -103,10 +103,10 @@ def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, in
 def spikes(y: FloatArray) -> Flags:
     """Mask (n_times,) of single samples of `y`, up to about three in a row, that lie off the motion around them.
 
-    e_i = y_i - (y_(i-1) + y_(i+1)) / 2 is compared with the median of |e| in blocks of samples, the greatest of a
-    block and its neighbours; the limit is the Gaussian quantile for a chosen number of false alarms per channel, with a margin. A
-    spike starts and ends on the motion (the sum of e and its first moment vanish over it) and leaves nothing behind: a step, a
-    kink or a shock that rings is no spike. Records shorter than two blocks have none.
+    e_i = y_i - (y_(i-1) + y_(i+1)) / 2 is compared with the median of |e| in blocks of 64 samples, the greatest of a
+    block and its neighbours; the limit is 1.6 times the Gaussian quantile for 0.001 false alarms per channel. A spike
+    starts and ends on the motion (the sum of e and its first moment vanish over it) and leaves nothing behind: a step,
+    a kink or a shock that rings is no spike. Records shorter than two blocks have none.
     """
     from scipy.stats import norm
 
@@ -130,9 +130,9 @@ def spikes(y: FloatArray) -> Flags:
 
 
 def local_scale(e: FloatArray) -> FloatArray:
-    """Standard deviation of `e` (n_times,) around each sample, (n_times,), from the median of |e| in blocks of samples.
+    """Standard deviation of `e` (n_times,) around each sample, (n_times,), by medians of |e| in blocks of 64 samples.
 
-    The largest of a block and both neighbours counts.
+    The largest of a block and both neighbours counts; samples after the last whole block take that of it.
     """
     n_blocks = len(e) // _BLOCK
     medians = np.median(np.abs(e[: n_blocks * _BLOCK]).reshape(n_blocks, _BLOCK), axis=1) / 0.6745

@@ -279,7 +279,11 @@ class _Search:
         return len(self.values) / self.rate
 
     def remove_all(self) -> None:
-        """Find tones and subtract them from `values` until none stands out, or a limit of passes or tones is reached."""
+        """Find tones and subtract them from `values` until none stands out, or three passes are made or 40 tones taken.
+
+        Of a tone that wanders, multiples and simple fractions of its frequency are tried too. Tones are appended to
+        `taken`.
+        """
         refused: list[float] = []
         for _ in range(_PASSES):
             before = len(self.taken)
@@ -301,8 +305,9 @@ class _Search:
         """Subtract the tone near `frequency` (Hz) and return ""; without a tone there, return a sentence on the reason.
 
         `is_automatic` says that the search proposed the frequency, which needs stronger evidence than a user's: random
-        motion must show as strong a line with a probability below 1e-6, else 1e-3. Of several phases that pass,
-        multiples of other tones' among them, the one with the greatest gain is subtracted.
+        motion must show as strong a line with a probability below 1e-6, else 1e-3. A tone that wanders needs 1e-6 in
+        any case, and a kurtosis below 1.75. Of several phases that pass, multiples of other tones' among them, the one
+        with the greatest gain is subtracted.
         """
         if not self.is_inside(frequency):
             return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
@@ -333,7 +338,11 @@ class _Search:
         return ""
 
     def remove_multiple(self, phase: _Phase) -> None:
-        """Subtract a tone with exactly this phase, a multiple of another tone's, if the evidence for it is strong."""
+        """Subtract a tone with exactly this `phase`, a multiple of another tone's, if the evidence for it is strong.
+
+        Random motion must show as strong a line with a probability below 1e-6. Nothing is done near half the sampling
+        rate or in too short a record.
+        """
         if not self.is_inside(phase.frequency) or _count_time_constants(phase.frequency, self.duration) < _FEWEST:
             return
         evidence = self.evidence(phase)
@@ -407,7 +416,8 @@ class _Search:
     def take_off(self, evidence: _Evidence) -> None:
         """Subtract a tone from all channels of `values`, and append its evidence and power (n_channels,) to `taken`.
 
-        Its amplitudes are fitted by least squares, as polynomials of time and frequency where `_amplitude_degrees` says so.
+        Its amplitudes are fitted by least squares, as polynomials of time and frequency whose degrees Schwarz's
+        criterion chooses.
         """
         phase = evidence.phase
         degrees = _amplitude_degrees(self, phase)
@@ -463,7 +473,8 @@ def _demodulated(values: FloatArray, rate: float, phase: _Phase) -> tuple[FloatA
 def _sum_quarters(quarters: FloatArray) -> FloatArray:
     """Sum over each window, (n_hops + 1, n_columns), from sums over its quarters, with partial windows at the ends.
 
-    `quarters` is (n_hops, 4, n_columns): each hop is the first to fourth quarter of the four windows that cover it.
+    `quarters` is (n_hops, 4, n_columns): sums of a hop as the first to fourth quarter of the windows that cover it.
+    Window i covers the hops i - 2 to i + 1; those before the first and after the last count as 0.
     """
     n, half = len(quarters), _QUARTERS // 2
     ends = np.zeros((half, *quarters.shape[1:]))
@@ -688,7 +699,9 @@ def _over_surroundings(power: FloatArray) -> FloatArray:
 def _steady_bands(values: FloatArray, rate: float) -> list[tuple[float, float]]:
     """Height and frequency in Hz of each spectral peak whose power hardly changes from segment to segment.
 
-    Segments have some 300 periods of the highest frequency of each octave. `values` is (n_times, n_channels), `rate` in Hz.
+    Heights are over the median of the lines around, 2 or more; the power of three lines has a kurtosis below 1.75.
+    Segments have some 300 periods of the highest frequency of each octave. `values` is (n_times, n_channels), `rate` in
+    Hz.
     """
     n, peaks = len(values), []
     top = rate / 2

@@ -176,7 +176,11 @@ def _split_complex(
 
 
 def _read_text(path: Path, layout: CsvLayout) -> str:
-    """Text of the file at `path` in `layout.encoding`; `FileError` if it cannot be decoded or may be truncated."""
+    """Text of the file at `path` in `layout.encoding`, by its byte-order mark where that is UTF-8.
+
+    `FileError` if it cannot be decoded or holds null bytes, or may be truncated: its last line has no end, its last
+    number not as many decimals as those of ten lines above, and no footer is stated.
+    """
     try:
         text = path.read_text(encoding=_encoding_by_mark(path) if layout.encoding == "utf-8" else layout.encoding)
     except UnicodeError as error:
@@ -282,10 +286,11 @@ def _cells_as_numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool
 
 
 def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -> FloatArray | None:
-    """Cells parsed by a single `numpy.loadtxt` call, (n_rows, n_columns); None if a line needs `_parse_cells`.
+    """Cells parsed by a single `numpy.loadtxt` call, (n_rows, n_columns); None if a line cannot be parsed so.
 
-    `count` is the number of columns, `comma` says that numbers have decimal commas, `dated` are the indices of columns of
-    dates, which become NaN, and `gaps` allows empty cells.
+    `count` is the number of columns, `comma` says that numbers have decimal commas, `dated` are the indices of columns
+    of dates, which become NaN, and `gaps` allows empty cells after the first column, which become NaN, and infinite
+    ones.
     """
     lines, sign = rows.lines, rows.separator
     if comma:

@@ -202,8 +202,8 @@ def _make_response(
 ) -> _Response:
     """Kind, frequencies in Hz and complex values in SI of an FRF, (n_frequencies,) each.
 
-    `pair` is (output, input), `to_hertz` the factor from the abscissa to Hz, `factors` those of dataset 164. Raises
-    `FileError` if the values are real, or kind and function type disagree.
+    `pair` is (output, input), `to_hertz` the factor from the abscissa to Hz, `factors` are those of dataset 164, None
+    without. Raises `FileError` if the values are real, or kind and function type disagree.
     """
     values = function.values
     if not np.iscomplexobj(values) or _is_padded_magnitude(values):
@@ -230,7 +230,8 @@ def _frf_scale(
 ) -> tuple[FrfKind, float]:
     """Kind and factor to SI of an FRF, from the option `unit`, or from data types, labels and dataset 164.
 
-    `pair` is (output, input). Raises an error if these contradict each other or the directions.
+    `pair` is (output, input), `factors` are those of dataset 164, None without. Raises `InputError` if the option does
+    not fit the directions, `FileError` if types, labels, dataset 164 and directions contradict each other.
     """
     if options.unit:
         unit = parse_frf_unit(options.unit)
@@ -261,7 +262,8 @@ def _scale_by_sides(
 ) -> tuple[FrfKind, float]:
     """Kind and factor to SI of an FRF, from the characteristics of ordinate (`above`) and denominator (`below`).
 
-    Raises `FileError` unless it is a motion per force, or a motion per the same motion (transmissibility).
+    `pair` is (output, input), `factors` are those of dataset 164, None without. Raises `FileError` unless it is a
+    motion per force, or a motion per the same motion (transmissibility), and its units are stated.
     """
     quantity, above_factor = channel_scale(path, above, pair[0], factors, "unit")
     load, below_factor = channel_scale(path, below, pair[1], factors, "unit")

@@ -202,7 +202,10 @@ def _form_reals(line: str) -> list[str]:
 
 
 def _parse_characteristics(line: str) -> Characteristics:
-    """Data type, unit exponents and unit label ("" if none) in a line of record 8, 9 or 10 of dataset 58."""
+    """Data type, exponents of length and force, and unit label ("" if none) in a line of records 8 to 10 of dataset 58.
+
+    Blank columns count as 0; `ValueError` if a column of numbers holds none.
+    """
     numbers = [int(line[column : column + width] or 0) for column, width in ((0, 10), (10, 5), (15, 5))]
     label = line[47:67].strip()
     if line[25:26].strip() or line[46:47].strip():  # a long axis label pushed the unit out of its columns

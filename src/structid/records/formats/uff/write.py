@@ -157,7 +157,11 @@ def _time_blocks(path: Path, record: TimeRecord) -> Iterator[bytes]:
 
 
 def require_same(path: Path, record: FrfRecord | TimeRecord, back: FrfRecord | TimeRecord) -> None:
-    """Raise `FileError` unless `back`, read from the written file, has the values of `record` (0 and -0 are equal)."""
+    """Raise `FileError` unless `back`, read from the written file, has the values of `record` (0 and -0 are equal).
+
+    Channels, kind or quantities, frequencies or sampling rate (to rounding), and the presence of coherence must agree
+    too.
+    """
     is_same = type(back) is type(record) and np.array_equal(back.values, record.values)
     if isinstance(record, FrfRecord) and isinstance(back, FrfRecord):
         is_same = (
