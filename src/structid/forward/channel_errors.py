@@ -253,9 +253,9 @@ class _Group:
 
 
 def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
-    """Table of the channels that each parameter belongs to, (n_params, n_channels) bool.
+    """Table of the channels that each parameter belongs to, (n_params, n_channels) bool, read-only.
 
-    `chosen` are the channel indices of each parameter.
+    `chosen` has the channel indices (from 0) of each parameter.
     """
     made = np.zeros((len(chosen), n_channels), dtype=bool)
     for row, members in zip(made, chosen, strict=True):

@@ -164,9 +164,10 @@ def _weight_derivatives(part: WeightedElements) -> Iterator[tuple[IntArray, IntA
 
 
 def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
-    """Keys of all forces (dZ/dp) x that can be nonzero: parameter index times n_dofs plus degree of freedom.
+    """Yield keys (n_keys,) of all forces (dZ/dp) x that can be nonzero: parameter index times n_dofs plus dof.
 
-    Each array holds a key once; keys may repeat in later arrays.
+    Each array holds a key once, sorted; keys may repeat in later arrays. `part` has element matrices of the dynamic
+    stiffness Z with the derivatives of their weights.
     """
     if not isinstance(part.blocks, Blocks):
         yield np.unique(_matrix_entries(part, n_dofs)[0])
@@ -202,9 +203,10 @@ def _force_maps(
 
 
 def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Sparse entries of the derivatives of the matrix of `part`: key, column and value, (n_entries,) each.
+    """Sparse entries of the derivatives of a weighted sum of element matrices: key, column, value, (n_entries,) each.
 
-    The key is parameter index times n_dofs plus row. Entries may repeat and add up.
+    `part` has the element matrices and the derivatives of their weights by the parameters. The key is parameter index
+    times n_dofs plus row. Entries may repeat and add up.
     """
     joined = _derivative_entries(part.blocks.entries(), part.slope, n_dofs)
     pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
@@ -319,8 +321,9 @@ class DenseSlopes:
 def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: sparse.sparray) -> DenseSlopes:
     """Derivatives of dense system matrices by parameters, in a form that is evaluated fast for any values.
 
-    `matrix_kinds` name the matrices in the order of their coefficients; `design` (n_values, n_params) is the derivative of the
-    property values by the parameters.
+    The result gives the operator of the forces (dZ/dp) x for property values. `matrix_kinds` name the matrices in the
+    order of their coefficients in Z; `design` (n_values, n_params) is the derivative of the property values by the
+    parameters.
     """
     table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
     n_weights = sum(item.blocks.n_elements for item in members)
@@ -412,7 +415,8 @@ def _derivative_entries(
 def element_products(blocks: ElementMatrices, y: NumberArray, x: NumberArray) -> FloatArray:
     """Real part of conj(y)' B_e x, summed over columns, for the matrix B_e of each element, (n_elements,).
 
-    Fields `y` and `x` are (n_dofs, n_columns); columns are lines and loads, for example.
+    Fields `y` and `x` are (n_dofs, n_columns); columns are lines and loads, for example. Constrained degrees of freedom
+    of an element count as 0.
     """
     left, right = (np.ascontiguousarray(a, dtype=np.complex128).view(np.float64) for a in (y, x))
     if not isinstance(blocks, Blocks):

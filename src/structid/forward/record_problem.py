@@ -35,7 +35,7 @@ def residual_with_priors(unknowns: NamedUnknowns, theta: FloatArray, data: Float
 def linearization_with_priors(
     unknowns: NamedUnknowns, theta: FloatArray, data: FloatArray, change: FloatArray, n_eliminated: int = 0
 ) -> Linearization:
-    """Residual and Jacobian at the free variables `theta`: data rows, then priors of parameters, then those of free variables.
+    """Residual and Jacobian at the free variables `theta`: data rows, then priors of parameters and of free variables.
 
     Parameters
     ----------

@@ -134,10 +134,10 @@ class WeightedParts:
 def slope_value_indices(
     structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]
 ) -> IntArray:
-    """Indices of the property values on which the derivatives of element weights depend.
+    """Indices (n,), sorted, of the property values on which the derivatives of element weights depend.
 
-    A weight is a value times factors: the factors count, and the value too if a parameter changes a factor. `sensitive` comes
-    from `sensitive_elements`. The result is (n,), sorted.
+    A weight is a value times factors: the factors count, and the value too if a parameter changes a factor. `sensitive`
+    are the families of element matrices whose weights depend on parameters.
     """
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
@@ -156,7 +156,7 @@ def weighted_elements(
 
     A loss factor that is equal in all elements of a family, and no parameter, is a multiple of their stiffness: both
     matrices then share one part. Parts that enter the same matrices with the same factors are of one kind. `sensitive`
-    comes from `sensitive_elements`.
+    are the families of element matrices whose weights depend on parameters.
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
     counts = np.diff(design.indptr)

@@ -35,13 +35,13 @@ def simulated_record(
         Gives lines, sensors, loads and kind.
     relative_noise : float
         Standard deviation of the complex noise as a part of each value's magnitude.
-    rng : numpy Generator
+    rng : numpy Generator, optional
         Needed for noise.
 
     Returns
     -------
     FrfRecord
-        With its variance, that of the noise that was added, where there is noise.
+        In the kind and unit of `like`; its variance E|noise|^2 is that of the noise that was added, None without noise.
 
     Raises
     ------

@@ -151,7 +151,10 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
 def _whitened_changes(
     errors: Iterator[ErrorsOfEntry], whitening: Whitening
 ) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Yield each entry of `errors` twice, with whitened data (n_lines, n_channels) per unit of its real, then imaginary part."""
+    """Yield each entry of `errors` twice, with the whitened data per unit of its real, then imaginary part.
+
+    Data are (n_lines, n_channels). Channels are outputs, each with all its inputs.
+    """
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

@@ -48,9 +48,9 @@ def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
 def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tuple[tuple[float, FrfRecord], ...]:
     """Pairs of a level a and the FRFs at s = d + omega (a + i), with d the decay of `record`, for each of `levels`.
 
-    Lines are evenly spaced in the logarithm by a, at least 60 and at most 250 over the band. A level is left out where
-    fewer than eight of its lines are good to 25 % (see `right_half_plane`); the result is empty if `record` has fewer
-    than eight lines above 0 Hz.
+    FRFs away from the imaginary axis are smooth; they come from those on it by rational transformation. Lines are
+    evenly spaced in the logarithm by a, at least 60 and at most 250 over the band. A level is left out where fewer than
+    eight of its lines are good to 25 %; the result is empty if `record` has fewer than eight lines above 0 Hz.
     """
     omega = record.omega[record.omega > 0]
     if len(omega) < _USABLE_LINES:

@@ -20,9 +20,10 @@ _MOST_ITERATIONS = 20
 
 
 def measures_everything(structure: Structure, record: FrfRecord) -> bool:
-    """True where the sensors of `record` determine the motion of every free degree of freedom of `structure`.
+    """True if the sensors of `record` determine the motion of every free degree of freedom of `structure`.
 
-    False for responses per motion instead of force, or with measured components.
+    They do if their rank is the number of these. False without any, for responses per motion instead of force, and with
+    measured components.
     """
     if record.is_per_motion or structure.measured:
         return False

@@ -246,7 +246,9 @@ def add_amplitude_change(
 
 
 def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, FloatArray]:
-    """Measured sliding amplitude per unit drive, (n_frequencies,), of each friction element that names sensors, by its name.
+    """Measured sliding amplitude per unit drive, (n_frequencies,), of friction elements that name sensors, by name.
+
+    It is in m per N (or rad), from the FRFs turned into receptance. Empty if no friction element names sensors.
 
     Raises
     ------

@@ -94,8 +94,9 @@ def _laplace_slope(
 ) -> ComplexArray:
     """Derivative dH/ds of the FRFs `values` of `model`, in the unit of H times s, (n_frequencies, n_outputs, n_inputs).
 
-    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1 S.
-    `physical` are the parameters of the structure, `laplace` (n_frequencies,) is s in 1/s.
+    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1
+    S. `physical` are the parameters of the structure, `laplace` (n_frequencies,) is s in 1/s, `kind` gives n: 0 for
+    receptance, 1 for mobility, 2 for accelerance.
     """
     fields = model.fields_at(physical, model.channels.columns)
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)

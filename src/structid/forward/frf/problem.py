@@ -110,7 +110,12 @@ class FrfProblem(RecordProblem):
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` without a noise level, or if channel errors or leakage do not fit form and structure."""
+        """Raise `InputError` if record, form of residual, channel errors, leakage and structure do not fit together.
+
+        The record needs a noise level or `model_error` unless the form is ``equation``; every value needs a finite
+        weight; unknown channel errors and leakage of segments need another form than ``equation``, and leakage no
+        friction.
+        """
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
             averages = "the number of `averages` behind its coherence" if self.record.coherence is not None else ""
             raise InputError(
@@ -177,7 +182,8 @@ class FrfProblem(RecordProblem):
     def _averages(self) -> FloatArray | None:
         """Number of averages behind the variance of each data row, (n_data,), if it comes from coherence; else None.
 
-        The number is larger where `model_error` is part of the variance of a value.
+        With `model_error` the number is larger: averages - 1 is divided by the square of the part that noise has in the
+        variance (infinite without noise). Also None for the form ``equation``.
         """
         record = self.record
         if (
@@ -194,9 +200,10 @@ class FrfProblem(RecordProblem):
         return np.tile(1 + more.ravel(), 2)
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
-        """Law of the noise of data rows at `theta`, including errors of measured components if stated.
+        """Law of the noise of data rows at the free variables `theta` (n_params,), for standard errors and tests.
 
-        `theta` (n_params,) are the free variables.
+        Rows are independent, with the number of averages behind each variance; errors of measured components, if
+        stated, add a covariance between rows that depends on `theta`.
         """
         rows = RowNoise(self.rows.averages)
         if not self.has_component_errors:
@@ -211,7 +218,7 @@ class FrfProblem(RecordProblem):
         return self.form != "equation" and any(component.variance is not None for component in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-        """Changes of the observed FRFs by the errors of measured components, channel errors included.
+        """Yield the change of the observed FRFs by each error of measured components, channel errors included.
 
         `physical` (n_params,) are the parameters of the structure, then those of the channels.
         """
@@ -242,7 +249,8 @@ class FrfProblem(RecordProblem):
     def _observed_on(self, record: FrfRecord, model: Response | None = None) -> ObservedFrf | LeakedFrf:
         """Model of the FRFs that the channels of `record` show, with leakage if the record has segments.
 
-        `model` is the response at its lines, made if None; it is not used with leakage.
+        It gives FRFs for physical parameters of structure and channels. `model` is the response of the structure at the
+        lines of `record`, made if None; it is not used with leakage, which needs other lines.
         """
         if record.segment is None:
             return ObservedFrf(model or self._response(record, False), self.channels, record)
@@ -336,18 +344,21 @@ class FrfProblem(RecordProblem):
         return "takes no dry friction" if _has_friction(self.structure) else ""
 
     def linearize_operator(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> OperatorLinearization:
-        """The residual and products with its derivative, which is not formed, for very many parameters.
+        """The residual and products with its derivative by the free variables, for very many parameters.
+
+        Rows are data (real parts, then imaginary ones) in the products, and data, then priors in the residual.
 
         Parameters
         ----------
         theta : (n_params,) float array
+            Free variables.
         stored_bytes : float
             The Jacobian of the data is stored where it takes no more than this, and applied from fields otherwise.
 
         Raises
         ------
         InputError
-            Where there is a `matrix_free_obstacle`.
+            If there is a `matrix_free_obstacle`.
         """
         if self.matrix_free_obstacle:
             return super().linearize_operator(theta)
@@ -383,11 +394,12 @@ class FrfProblem(RecordProblem):
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:
-        """Sequences of easier problems for poor starts, as tuples of (name, problem), in the order to be tried.
+        """Sequences of easier problems for poor starts, each a tuple of (name, problem), in the order to be tried.
 
-        Two of them use the pole-free residual with a prior at the start: a short one with an error of half of each value, and a
-        longer one with errors falling from three times to a tenth. The last is `decay_continuation`; with `start_error` it
-        comes first, then again with half that error.
+        Two use the bounded (pole-free) residual with a prior at the start: a short one with an error of half of each
+        value, and a longer one with errors falling from three times to a tenth. One fits smoothed FRFs; it comes last,
+        or, with `start_error`, first, followed by itself with half that error, and is left out where the record has too
+        few lines for it.
         """
         near = tuple(_pole_free_schedule(self, std, errors) for std, errors in _PLANS)
         if self.start_error is None:
@@ -421,7 +433,8 @@ def _has_friction(structure: Structure) -> bool:
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
     """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values.
 
-    `deviation` (n_lines, n_outputs, n_inputs) is the standard deviation of each value; form ``equation`` needs none.
+    The second holds for the forms ``log`` and ``pole_free``. `deviation` (n_lines, n_outputs, n_inputs) is the standard
+    deviation of each value, which the form ``equation`` does not need.
     """
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]
@@ -439,7 +452,10 @@ def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> No
 
 
 def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> None:
-    """Raise `InputError` if the form, friction or a solver's FRFs do not allow these channel errors."""
+    """Raise `InputError` if the form ``equation`` is to have channel errors.
+
+    An unknown decay of a window also needs a structure without friction and with matrices, not a solver's FRFs alone.
+    """
     if problem.form == "equation":
         raise InputError("form 'equation' takes no errors of channels; use form 'output'")
     if channels.decay(channels.start) is not None:
@@ -452,7 +468,10 @@ def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> Non
 
 
 def _require_leakage(problem: FrfProblem, segment: float) -> None:
-    """Raise `InputError` if record, form or friction does not allow for leakage of segments of `segment` seconds."""
+    """Raise `InputError` if record, form or structure does not allow for leakage of segments of `segment` seconds.
+
+    The form must not be ``equation``, and the structure must have no friction and have matrices, not FRFs alone.
+    """
     require_leaking(problem.record, segment)
     if problem.form == "equation":
         raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
@@ -480,9 +499,10 @@ def _equation_rows(
 
 
 def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfSchedule:
-    """Stages of the bounded residual with falling model `errors` (relative), and a Gaussian prior at the start.
+    """Stages (name, problem) of the bounded residual with falling model `errors` (relative), and a prior at the start.
 
-    `std` is the standard deviation of the prior. A stage with measured sliding follows if sensors measure a friction element.
+    The prior is Gaussian with standard deviation `std` in the logarithm. A stage with the original form and measured
+    sliding follows if sensors measure a friction element.
     """
     near_start = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
     near = replace(near_start, form="pole_free", measured_sliding=True)

@@ -73,7 +73,10 @@ class FieldJacobian:
     y: ComplexArray
 
     def forward(self, v: FloatArray) -> ComplexArray:
-        """Change of the FRF, (n_frequencies, n_outputs, n_inputs), by a change `v` (n_params,) of the parameters."""
+        """Change of the FRF, (n_frequencies, n_outputs, n_inputs), by a change `v` (n_params,) of physical parameters.
+
+        It is the product J v with the derivative J of the FRF, to first order.
+        """
         n_lines, _, n_dofs = self.y.shape
         flat = self.x.view(np.float64)
         forces = np.zeros((n_dofs, n_lines, self.x.shape[1] // n_lines), dtype=np.complex128)
@@ -85,7 +88,10 @@ class FieldJacobian:
         return np.asarray(-self.model.kind_factor[:, None, None] * change)
 
     def adjoint(self, w: ComplexArray) -> FloatArray:
-        """Real part of the sum of w dH/dp over all entries, (n_params,), for `w` (n_frequencies, n_outputs, n_inputs)."""
+        """Real part of the sum of w dH/dp over all FRF entries, (n_params,), without conjugate.
+
+        `w` (n_frequencies, n_outputs, n_inputs) are complex weights, H the FRF and p the physical parameters.
+        """
         n_dofs = self.y.shape[2]
         weighted = w * -self.model.kind_factor[:, None, None]
         drive = np.ascontiguousarray(np.moveaxis(np.swapaxes(self.y, 1, 2) @ weighted, 1, 0))
@@ -99,9 +105,10 @@ class FieldJacobian:
         return total
 
     def _changes(self, v: FloatArray) -> dict[int, sparse.csr_array]:
-        """Change of the matrix of each kind, by its number, for a change `v` (n_params,) of the physical parameters.
+        """Change of the weighted element matrices of each kind, (n_dofs, n_dofs) sparse, by the number of the kind.
 
-        Sparse (n_dofs, n_dofs) matrices.
+        It is linear in `v` (n_params,), a change of the physical parameters. Parts of one kind enter the dynamic
+        stiffness with one factor.
         """
         assembled = self.model.slopes.assembled
         entries: dict[int, FloatArray] = {}
@@ -145,7 +152,7 @@ def response_products(
     whitening: Callable[[ComplexArray, slice], Whitening],
     stored_bytes: float = STORED_BYTES,
 ) -> ResponseProducts:
-    """FRFs and products with the Jacobian of their whitened residual, and with its transpose, at `physical` (n_params,).
+    """FRFs and products with the Jacobian of their whitened residual, and with its transpose, at given parameters.
 
     Parameters
     ----------
@@ -153,9 +160,15 @@ def response_products(
         Of a structure without sliding friction.
     physical : (n_params,) float array
     whitening : callable
-        The `Whitening` for the response (n, n_outputs, n_inputs) at some of the lines.
+        From the response (n, n_outputs, n_inputs) and the slice of its n lines to the derivative of the residual.
     stored_bytes : float
         The Jacobian is stored where it takes no more than this, and applied from fields otherwise.
+
+    Returns
+    -------
+    ResponseProducts
+        FRFs (n_frequencies, n_outputs, n_inputs), J v, J'u, the diagonal of J'J, and J or None. Rows of J are all real
+        parts, then all imaginary parts; columns are physical parameters.
 
     Raises
     ------
@@ -279,7 +292,7 @@ class WhitenedFrf:
 def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
     """Principal logarithm of `z`, whose magnitude is raised to `least` if smaller; the result has the shape of `z`.
 
-    `least` broadcasts to `z`.
+    `least` broadcasts to `z`. The imaginary part is the phase, from -pi to pi.
     """
     logarithm = np.empty_like(z)
     size = np.abs(z)

@@ -60,7 +60,10 @@ class Response:
         return self.solver.is_large
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
-        """FRFs in the kind of the record, (n_frequencies, n_outputs, n_inputs), at the parameters `physical` (n_params,)."""
+        """FRFs in the kind of the record, (n_frequencies, n_outputs, n_inputs), at parameters `physical` (n_params,).
+
+        Friction contacts slide with balanced amplitudes and are not among the outputs.
+        """
         coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
         if readings is None:
             used, column_of = np.unique(self.channels.inputs[0], return_inverse=True)
@@ -70,8 +73,9 @@ class Response:
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """FRFs (n_frequencies, n_outputs, n_inputs), and their derivatives by the physical parameters, (..., n_params).
 
-        By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is -y' (dZ/dp) x. A large
-        model with fewer parameters times loads than sensors solves for Z^-1 (dZ/dp) x instead.
+        By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is -y' (dZ/dp) x;
+        changes of sliding amplitudes count. A large model with fewer parameters times loads than sensors solves for
+        Z^-1 (dZ/dp) x instead.
         """
         coefficients, n_outputs = self._coefficients(physical), self.channels.n_outputs
         shape = len(self.frequency), n_outputs, len(self.channels.inputs[0])
@@ -86,9 +90,9 @@ class Response:
         return values, derivative
 
     def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
-        """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads).
+        """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads), displacement per force.
 
-        `physical` are the parameter values (n_params,), `loads` (n_dofs, n_loads) the columns of the loads.
+        `physical` (n_params,) are the parameter values, `loads` (n_dofs, n_loads) the columns of the loads.
         """
         fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
         for part, solved in self.solver.fields(physical, self._coefficients(physical), loads):
@@ -201,7 +205,8 @@ def response(
     measured_sliding : bool
         Whether friction elements that name sensors slide with the amplitude that those measured.
     reduced : float, optional
-        Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
+        Largest error of values, in parts of the largest of their line, that a large model may have from few
+        factorizations; None factorizes at every line. It is not used with driving supports or measured components.
     cache : ResponseCache, optional
         Cache that it shares with other responses; it names the factorizer of large models.
 
@@ -245,12 +250,13 @@ def response(
 
 
 def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
-    """Supports whose motion is the input of `record`, empty if the inputs are forces.
+    """Supports whose motion is the input of `record`, in the order of its inputs; empty if the inputs are forces.
 
     Raises
     ------
     InputError
-        If the kind of the record does not fit its inputs.
+        If inputs are supports and the record is no transmissibility, or the other way round, or only some inputs are
+        supports.
     """
     bases = structure.driven(record.inputs)
     if bases and not record.is_per_motion:

@@ -72,9 +72,10 @@ class StiffnessSlopes:
         return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
-        """Element matrices weighted by the parameters, and the factor of each group of them in Z, (n_lines, n_groups).
+        """Element matrices with the derivatives of their weights, and the factor of each kind in Z, (n_lines, n_kinds).
 
-        The element matrices are cached for the last parameters.
+        Matrices that enter the dynamic stiffness Z with one factor are of one kind. The element matrices are cached for
+        the last parameters.
 
         Parameters
         ----------
@@ -98,7 +99,8 @@ class StiffnessSlopes:
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
         """Operator for the forces (dZ/dp) x of all parameters, and the factors (n_lines, n_maps) of its maps.
 
-        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
+        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in the
+        dynamic stiffness Z. The operator is cached as long as the derivatives of the weights stay.
         """
         parts, factors = self.parts_at(physical, coefficients)
         cached = self._forces_cache.get("last")

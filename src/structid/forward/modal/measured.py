@@ -211,7 +211,8 @@ class MeasuredModes:
     def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
         """Rows of `frequency` (Hz) and `damping` (ratios), (n_measured, n) each, whitened by their covariance.
 
-        The result is (n_measured, n), or (2 n_measured, n) with damping ratios, whose rows are 0 for modes in groups.
+        Multiplied by the inverse Cholesky factor, n columns at once. The result is (n_measured, n) if damping ratios
+        are not used, else (2 n_measured, n), where damping rows of modes in groups are 0.
         """
         count = len(self.measured)
         if not self.settings.use_damping:

@@ -111,10 +111,10 @@ class ModalModel:
         return self._last.at(physical, self._state_at)
 
     def _state_at(self, physical: FloatArray) -> ModelState:
-        """Matrices, modes and sensor columns of the model at `physical`, computed afresh.
+        """Matrices, modes and sensor columns (n_dofs, n_channels) of the model at `physical`, computed afresh.
 
-        Up to `ALL_MODES_UP_TO` degrees of freedom all modes are computed, else 3 `n_modes` + 10. `physical` are the
-        parameters of the structure, then those of channel errors.
+        Up to 600 degrees of freedom all modes are computed, else 3 `n_modes` + 10. `physical` are the parameters of the
+        structure, then those of channel errors, which scale the sensors.
         """
         of_structure = physical[: self.parameters.n_params]
         values = self.parameters.values(of_structure)
@@ -158,14 +158,16 @@ class MatrixSlopes:
     def products(
         self, physical: FloatArray, matrix_kinds: Iterable[str], y: FloatArray, x: FloatArray
     ) -> dict[str, FloatArray]:
-        """Products y' (dA/dp) x of each of several matrices A, for each parameter.
+        """Products y' (dA/dp) x of each of several matrices A, for each parameter p.
 
         Parameters
         ----------
         physical : (n_params,) float array
+            Parameters, at which the derivative is taken.
         matrix_kinds : iterable of {"mass", "damping", "stiffness", "structural_damping"}
         y : (n, n_dofs, n_y) float array
         x : (n, n_dofs, n_x) float array
+            n sets of fields, each with the set of the same index in `y`.
 
         Returns
         -------
@@ -229,8 +231,8 @@ class MatrixSlopes:
     def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
         """Derivative of the weights of one contribution's element matrices by the parameters, (n_elements, n_params).
 
-        `number` is the index of the group of elements, `member` that of the contribution among those of the structure, `values`
-        (n_values,) are the property values. Sparse for large groups.
+        Only the elements of the group count. `number` is the index of the group of elements, `member` that of the
+        contribution in the structure, `values` (n_values,) are the property values. Sparse for large groups.
         """
         part, rows = self.structure.contributions[member], self.elements[number].rows
         designs = self._designs[number, member]

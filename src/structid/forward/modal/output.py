@@ -61,13 +61,14 @@ class _Slopes(NamedTuple):
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
-    """Model counterparts of a measured group of modes, from the model's modes at indices `chosen` (m,), m measured modes.
+    """Model counterparts of a group of m measured modes, from the model's modes at indices `chosen` (m,).
 
-    With Phi the mass-normalized shapes and B = S' Phi, the shape residual is Psi - B A with A from least squares, and
-    the frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among themselves, so derivatives
-    need no difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and,
-    outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S. Without `with_slopes` the
-    derivatives by the parameters have no columns.
+    These are frequencies (Hz), damping ratio (of a single mode), shape residual and mixing, with their derivatives.
+    With Phi the mass-normalized shapes, Psi the measured ones and B = S' Phi, the shape residual is Psi - B A with A
+    from least squares, and the frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among
+    themselves, so derivatives need no difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k +
+    lambda_l) / 2 dM) Phi and, outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
+    Without `with_slopes` the derivatives by the parameters have no columns.
 
     References
     ----------
@@ -106,9 +107,11 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
 def _fit_group(
     state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
 ) -> GroupFit:
-    """Model counterparts of a measured group, from shapes `phi` (n_dofs, m) and frequencies `omega` (m,), rad/s.
+    """Frequencies, damping, shape residual and mixing of the model for a measured group, with their derivatives.
 
-    The first rows of `weights` (n_y, m) are the shapes at the sensors; `slopes` are the derivatives by parameters.
+    The model's m modes have shapes `phi` (n_dofs, m) and frequencies `omega` (m,), rad/s. The first rows of `weights`
+    (n_y, m) are the shapes at the sensors; `slopes` are derivatives by parameters. The damping ratio is NaN unless m is
+    1.
     """
     n_channels, m = state.readings.shape[0], len(omega)
     shape, d_shape, a, d_a = _project_shapes(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
@@ -163,9 +166,10 @@ def _loss_force(state: ModelState, phi: FloatArray, omega: FloatArray) -> FloatA
 
 
 def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) -> tuple[FloatArray, FloatArray]:
-    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 of a single mode, (1,), and its slope, (1, n_params).
+    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 of a mode, (1,), and its slope, (1, n_params).
 
-    C is the viscous and D the structural damping matrix; `omega` is in rad/s.
+    C is the viscous and D the structural damping matrix of `state`; `phi` (n_dofs,) is mass-normalized, `omega` is in
+    rad/s, and `slopes` are the derivatives of eigenvalue, shapes and losses by the parameters.
     """
     c, d = float(phi @ (state.damping @ phi)), float(phi @ (state.structural @ phi))
     d_omega = slopes.eigenvalues[0, 0] / (2 * omega)
@@ -177,7 +181,8 @@ def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) 
 def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right: FloatArray) -> FloatArray:
     """Products (K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system.
 
-    `phi` (n_dofs, m) are the shapes of the group, `eigenvalues` (m,) their lambda, and `right` is (n_dofs, n_right).
+    The pseudo-inverse leaves out the shapes `phi` (n_dofs, m) of the group. `eigenvalues` (m,) are their lambda, and
+    `right` is (n_dofs, n_right); K and M are the matrices of `state`.
     """
     n, m = phi.shape
     border = state.mass @ phi
@@ -199,9 +204,10 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
 def _project_shapes(
     b: FloatArray, d_b: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Residual Psi - B A of `measured` shapes Psi (n_own, m) by least squares, its slope, the factor A (m, m), and its slope.
+    """Residual Psi - B A of measured shapes Psi by least squares, its slope, the factor A (m, m), and its slope.
 
-    `b` (n_own, m) are the shapes B of the model, `d_b` (n_own, m, n_params) their slope; slopes have the parameters last.
+    `measured` (n_own, m) is Psi, `b` (n_own, m) are the shapes B of the model, `d_b` (n_own, m, n_params) their slope;
+    slopes have the parameters last.
     """
     pseudo = np.linalg.pinv(b)
     a = pseudo @ measured
@@ -241,9 +247,10 @@ def _frequencies_of_group(
 def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     """Index of the model mode for each measured mode, (n_measured,), by shape and frequency, or in order of frequency.
 
-    The sum of `pairing_worth` (MAC with a guard on frequency) is maximized. Modes without a known shape entry are
-    paired by frequency alone. Raises `InputError` if the model has too few modes that move the sensors. With `in_order`
-    modes are paired in order of frequency and shapes are not used.
+    By shape the sum over pairs of MAC, lowered by the distance in frequency, is maximized; modes without a known shape
+    entry are paired by frequency alone. With `in_order` modes are paired in order of frequency, model modes that hardly
+    move a sensor (1 % of the largest motion or less) passed over if enough others are left. Raises `InputError` if the
+    model has too few modes that move the sensors.
     """
     use, motion, is_bare = _visible_modes(data, state)
     if len(use) < len(data.measured):
@@ -260,8 +267,8 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def unpaired_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray]:
     """Numbers (from 0) of the measured modes left over where the model has too few, and the model's frequencies (Hz).
 
-    The numbers (n_left,) are empty where the model has a mode for each. The frequencies (n_use,) are those of the model modes
-    that can be paired (`_visible_modes`).
+    The numbers (n_left,) are empty where the model has a mode for each. The frequencies (n_use,) are those of the model
+    modes that can be paired: that move a sensor, if all measured modes have shapes, and are no rigid bodies.
     """
     use, motion, _ = _visible_modes(data, state)
     frequency = state.modes.frequency[use]
@@ -272,11 +279,11 @@ def unpaired_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, Fl
 
 
 def _visible_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray, NDArray[np.bool_]]:
-    """Indices of model modes that can be paired, largest motion of a sensor in each mode, and measured modes without shape.
+    """Indices of model modes that can be paired, largest sensor motion in each mode, and modes without shape.
 
-    The indices (n_use,) are ascending: modes that move a sensor, or all if a measured mode has no known shape entry; without
-    rigid bodies, far below the lowest measured frequency. The motion is (n_model,), of all model modes. The last is a mask
-    (n_measured,) of the measured modes without a known shape entry.
+    The indices (n_use,) are ascending: modes that move a sensor, or all if a measured mode has no known shape entry,
+    above a thousandth of the lowest measured frequency. The motion is (n_model,), of all model modes. The last is a
+    mask (n_measured,) of the measured modes without a known shape entry.
     """
     is_bare = np.asarray(np.isnan(data.shapes[:, data.measured]).all(axis=0))
     motion = np.abs(state.seen).max(axis=0, initial=0.0)
@@ -296,10 +303,10 @@ def _worth(data: MeasuredModes, state: ModelState, use: IntArray, motion: FloatA
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """Model state with its sensors scaled, group, and indices of its model modes, for each group of measured modes.
+    """Model state, group, and indices (m,) of the model's modes, for each group of m measured modes in turn.
 
-    `physical` are the parameters of the structure, then those of channel errors; with `in_order` modes are paired by
-    frequency order. Indices are (n_modes of the group,).
+    The state has only the sensors of the group, divided by their standard deviations. `physical` are the parameters of
+    the structure, then those of channel errors; with `in_order` modes are paired by frequency order.
     """
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))

@@ -101,7 +101,11 @@ class ModalProblem(RecordProblem):
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if structure, measured modes, form and channel errors do not fit together."""
+        """Raise `InputError` if structure, measured modes, form and channel errors do not fit together.
+
+        The structure must have modes and all sensors; frequencies, shapes and used damping ratios need errors; form
+        ``dynamic`` needs a known shape entry and no channel errors; these can be gains of sensors only.
+        """
         self.structure.require_modes("modes")
         _ = self.data, self.model.sensors
         if self.settings.form == "dynamic" and not self.data.has_shapes:
@@ -167,10 +171,11 @@ class ModalProblem(RecordProblem):
         return kinds[np.unique(self.rows.series, return_inverse=True)[1]]
 
     def schedules(self) -> Sequence[Schedule]:
-        """Sequences of search stages to be tried in turn: none, modes paired in order, and the modal dynamic residual.
+        """Sequences of search stages (name, problem) to be tried in turn: none, modes in order, dynamic residual.
 
-        Pairing by order of frequency, with shapes hardly counting, helps if two modes have yet to cross, but no mode may be
-        missed. The dynamic residual needs no pairing; it is left out for large models, without shapes and with channel errors.
+        Pairing by order of frequency, with shapes hardly counting, helps if two modes have yet to cross, but no mode
+        may be missed; it is left out if the sensors cannot separate modes with such errors. The dynamic residual needs
+        no pairing; it is left out above 600 degrees of freedom, without shapes and with channel errors.
         """
         near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
         frequency, shape = _ORDER_ERRORS
@@ -208,10 +213,13 @@ class ModalProblem(RecordProblem):
         return LastEvaluation()
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+
+        It is cached for the last `theta`.
+        """
 
         def linearized(theta: FloatArray) -> Linearization:
-            """Linearization at `theta` (n_params,), computed afresh."""
+            """Weighted residual and Jacobian at the free variables `theta` (n_params,), prior rows last; not cached."""
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
@@ -251,12 +259,13 @@ def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
 
 
 def influence_by_kind(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Number of values, of parameters that they determine, and fraction of the misfit, for each kind of value (such as shapes).
+    """Number of values, of parameters that they determine, and fraction of the misfit, for each kind of value.
 
-    The second is the trace of (J'J)^-1 J_k'J_k with J the whitened Jacobian, prior rows included, and J_k its rows of the kind;
-    with that of the prior rows, which are no kind here, these add up to the number of parameters. The third is of the sum of
-    squares of all data rows, or 0 where that sum is 0. Rows that are 0 with all their derivatives do not count. Empty if data
-    and priors do not determine all parameters. `theta` (n_params,) are free variables.
+    Kinds are such as shapes or frequencies. The second is the trace of (J'J)^-1 J_k'J_k with J the whitened Jacobian,
+    prior rows included, and J_k its rows of the kind; with that of the prior rows, which are no kind here, these add up
+    to the number of parameters. The third is of the sum of squares of all data rows, or 0 where that sum is 0. Rows
+    that are 0 with all their derivatives do not count. Empty if data and priors do not determine all parameters.
+    `theta` (n_params,) are free variables.
     """
     linearization = problem.linearize(theta)
     information = linearization.jacobian.T @ linearization.jacobian
@@ -323,20 +332,23 @@ def dynamic_residual(
 ) -> tuple[FloatArray, FloatArray]:
     """Smallest force residual of one measured mode over all unmeasured motions, and its derivative by the parameters.
 
-    Among all fields phi with S' phi = psi it is the force Z phi, Z = K - omega^2 M, that is smallest in the norm of D^-1, with
-    D^2 = diag(K) / omega^2 + diag(M) at the start. With Q R = D Z^-1 S the residual is R^-T psi and Q' D^-1 dZ phi its
-    derivative (variable projection, exact gradient). It stays smooth where modes meet.
+    Among all fields phi with S' phi = psi it is the force Z phi, Z = K - omega^2 M, that is smallest in the norm of
+    D^-1, with D^2 = diag(K) / omega^2 + diag(M) at the start. With Q R = D Z^-1 S the residual is R^-T psi and Q' D^-1
+    dZ phi its derivative (variable projection, exact gradient). It stays smooth where modes meet.
 
     Parameters
     ----------
     structure : Structure
     slopes : MatrixSlopes
+        Derivatives of its matrices.
     physical, start : (n_params,) float arrays
+        Present parameters, and those at the start, which weigh the forces.
     sensors : (n_dofs, n_channels) float array
+        S: columns that read the measured entries of the shape.
     omega : float
         Measured, rad/s.
     shape : (n_channels,) float array
-        Measured.
+        psi: measured.
 
     Returns
     -------

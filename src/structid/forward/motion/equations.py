@@ -155,13 +155,14 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
         Masses, viscous dampings and stiffnesses; groups, ties and factors as declared. Known properties go to the
         right-hand side.
     row_weights : (n_dofs,) array, optional
-        Factor on the equation of each degree of freedom, such as one over the standard deviation of its error. With
-        metres and radians in one model, weights decide how forces and moments count against each other.
+        Factor on the equation of each degree of freedom, such as one over the standard deviation of its error; 1 by
+        default. With metres and radians in one model, weights decide how forces and moments count against each other.
 
     Raises
     ------
     InputError
-        If the structure has loss factors or friction, or the parameters have priors.
+        If the structure has loss factors, friction or modal damping, a parameter enters matrices non-linearly,
+        parameters have priors, or weights are not finite, negative or all 0.
     """
     _require_linear(structure, unknown)
     n, n_params = structure.n_dofs, unknown.n_params
@@ -181,7 +182,10 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 
 
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` unless the equation of motion is linear in the unknowns and these have no priors."""
+    """Raise `InputError` unless the equation of motion in time is linear in the unknowns and these have no priors.
+
+    It is not with unknown thickness, node positions or shear, nor with modal damping, loss factors or friction.
+    """
     require_linear_weights(structure, unknown)
     require_matrices_in_time(structure, unknown)
     if unknown.has_priors:

@@ -112,7 +112,7 @@ class RecursiveMotionFit:
         return self.state.solution(self.equations.sizes(self.energy))
 
     def require_content(self) -> None:
-        """Raise `InputError` if there are no samples, no motion, or no force and nothing known."""
+        """Raise `InputError` if there are no samples, the motion is zero throughout, or force and known terms are."""
         n = self.equations.n_dofs
         if self.n_samples == 0:
             raise InputError("there are no samples yet; call `updated` with some motion first")
@@ -130,8 +130,8 @@ class RecursiveMotionFit:
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
         """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values` (n_params,).
 
-        None takes the fitted values. With `exact_motion` the fitted motion has no noise, and the noise is added to its
-        normal equations.
+        None takes the fitted values. It is -(B'B)^-1 (N p - n) with N and n the expected noise in the normal equations
+        B'B p = B'c; with `exact_motion` the fitted motion has no noise, and N is added to B'B.
         """
         solution = self.solution()
         p = solution.values if values is None else np.asarray(values, dtype=np.float64)
@@ -289,7 +289,9 @@ def least_squares_bias(
 def _summed_variances(variance: MotionVariance, shape: tuple[int, ...]) -> FloatArray:
     """Error variances of the motion summed over samples, (4 n_dofs,), zero for forces.
 
-    `shape` is (n_samples, n_dofs). Raises `InputError` if `variance` names another quantity, or has a wrong shape or sign.
+    Accelerations come first, then velocities and displacements. `variance` maps a quantity to a number, (n_dofs,) or
+    (n_samples, n_dofs), 0 if absent; `shape` is (n_samples, n_dofs). Raises `InputError` if it names another quantity,
+    or has a wrong shape or sign.
     """
     for name in variance:
         if name not in MOTION_QUANTITIES:
@@ -362,7 +364,7 @@ def _words(equations: TimeEquations, fit: LinearFit, n_samples: int, bias: Float
 def solution_words(unknown: Parameters, fit: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
     """Sentences on the linear fit: what the data lack and how to supply it, then rank, condition and residual.
 
-    `n_rows` is the number of equations, `n_samples` that of instants.
+    Values outside the declared range are named too. `n_rows` is the number of equations, `n_samples` that of instants.
     """
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []

@@ -209,7 +209,8 @@ def _differenced(motion: Motion) -> Motion:
 def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -> FloatArray:
     """Forces on the free degrees of freedom, (n_times, n_dofs), from `force` or the force channels of `record`.
 
-    Raises `InputError` if there is neither, or both.
+    Channels that act on one degree of freedom add up. Raises `InputError` if there is neither, or both, or `force` has
+    another shape.
     """
     reader, size = field_map(structure, record, "force"), (len(record.values), structure.n_dofs)
     if force is None:

@@ -256,7 +256,7 @@ class FitKeeper:
             self._write(self.path, fit)
 
     def _write(self, path: Path, fit: RecursiveMotionFit) -> None:
-        """Save the fit at `path`, and note the duration of saving and the number of samples in the fit."""
+        """Save the fit at `path`, and note when and how long that took and the number of samples in the fit."""
         begun = time.perf_counter()
         save_motion_fit(path, fit)
         self.ended = time.perf_counter()

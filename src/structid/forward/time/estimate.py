@@ -96,9 +96,9 @@ class WhitenedRows(Problem):
         return None if self._system is None else self.solve_for(self.right)
 
     def solve_for(self, right: FloatArray) -> FloatArray:
-        """Solution (Z'B)^-1 Z' c for right-hand sides c (n_rows, ...), (n_params, ...), with instruments Z and regressors B.
+        """Solution (Z'B)^-1 Z' c, (n_params, ...), for right-hand sides c (n_rows, ...), given as `right`.
 
-        NaN if the rows do not determine all parameters.
+        Z are the instruments, B the regressors. NaN if the rows do not determine all parameters.
         """
         if self._system is None:
             return np.full((len(self.parameters.names), *right.shape[1:]), np.nan)

@@ -83,7 +83,11 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """Next iteration of `fit` from the parameters `values` (n_params,), read from the checkpoint or made and kept."""
+        """Next iteration of `fit` from the parameters `values` (n_params,), read from the checkpoint or made and kept.
+
+        One that is read has outcome, solution and deviation but no rows. Calls are counted: the k-th gives the k-th
+        iteration.
+        """
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]
@@ -105,9 +109,11 @@ class InstrumentalSteps:
 
 
 def _iterate_once(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
-    """Instrumental iteration from the parameters `values`, and the sum of squares there (infinite if unstable).
+    """Instrumental iteration from the parameters `values` (n_params,), and the sum of squares there.
 
-    Solution and deviation are NaN if the rows do not determine the parameters or motion cannot be simulated.
+    The sum is infinite if motion is unstable. The step has the outcome, the solution and its standard deviations
+    (n_params,) each, and the rows. Solution and deviation are NaN if the rows do not determine the parameters; if
+    motion cannot be simulated there are no rows either.
     """
     nothing = np.full(len(values), np.nan)
     try:
@@ -219,7 +225,9 @@ class InstrumentalFit:
 def instrumental_fit(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
 ) -> InstrumentalFit:
-    """Set-up of the instrumental-variables fit of a structure to a record.
+    """Set-up of the instrumental-variables fit of a structure to a record, with the whole of its samples.
+
+    With `options.initial` "unknown" the simulation starts from the measured state of the first sample, else at rest.
 
     Raises
     ------
@@ -249,7 +257,10 @@ def instrumental_fit(
 
 
 def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
-    """Error covariance (n_dofs, n_dofs) of each measured quantity, force included, at the free degrees of freedom, by name."""
+    """Error covariance (n_dofs, n_dofs) of each measured quantity and of the force at free degrees of freedom, by name.
+
+    Raises `InputError` if the noise variance of a channel is not declared, negative or not finite.
+    """
     variance, covariances = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
         reader = field_map(structure, record, quantity)

@@ -262,7 +262,8 @@ class LinearSystem:
     def _steps(self) -> tuple[Step, Step]:
         """Exact state transition over the first time step, and over all later ones.
 
-        They differ if the start precedes the first sample by other than a step.
+        They differ if the motion starts before the first sample by another time than a step. Each has the transition of
+        the state and the entry of the inputs, with derivatives by the parameters.
         """
         step, gap = self.model.drive.step, self.model.drive.gap
         usual = self._step(step)
@@ -285,7 +286,11 @@ class LinearSystem:
             yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
 
     def start_of(self, initial: FloatArray | None) -> FloatArray:
-        """Modal state (n_states, ...) from `initial`, displacements and then velocities (2 n_free, ...); zeros if None."""
+        """Scaled modal state (n_states, ...) from `initial`, displacements and then velocities (2 n_free, ...).
+
+        The state is modal displacements times their frequency scale, then modal velocities; (n_states,) zeros if
+        `initial` is None.
+        """
         n = len(self.scale)
         if initial is None:
             return np.zeros(2 * n)
@@ -311,9 +316,10 @@ class LinearSystem:
         Parameters
         ----------
         start : (n_states, n_motions) float array
-            Modal state at the first instant.
+            Scaled modal state at the first instant.
         inputs : (n_steps + 1, n_inputs, n_motions) float array
-            Input states as `InputHold.inputs` gives them, for each motion.
+            Input state (such as force and its change over a step) at the start and at the end of each step, for each
+            motion.
         n_times : int
             Number of samples of the record; they are the last of the instants of `inputs`.
         """
@@ -331,11 +337,12 @@ class LinearSystem:
         Parameters
         ----------
         start : (n_states,) float array
-            Modal state at the first instant; it does not depend on the parameters.
+            Scaled modal state at the first instant; it does not depend on the parameters.
         inputs : (n_steps + 1, n_inputs) float array
-            Input states as `InputHold.inputs` gives them.
+            Input state (such as force and its change over a step) at the start and at the end of each step.
         n_times : int
-            Number of samples of the record; one less than the instants of `inputs` where motion starts before the first.
+            Number of samples of the record; one less than the instants of `inputs` where motion starts before the
+            first.
         """
         n_params = self.rate_change.shape[1]
         values, slopes = [], []
@@ -355,7 +362,8 @@ class LinearSystem:
     def _advanced(self, step: Step, state: FloatArray, inputs: FloatArray) -> FloatArray:
         """States and their derivatives by parameters over the next steps, (n_steps + 1, n_states, 1 + n_params).
 
-        `state` (n_states, 1 + n_params) is the start, whose first column is the state itself; `inputs` are (n_steps, n_inputs).
+        The first of them is `state` (n_states, 1 + n_params), whose first column is the state itself; `inputs`
+        (n_steps, n_inputs) are those at the begin of each step, and `step` is the transition over one.
         """
         states = stepped(step.transition, inputs @ step.entry.T, state[:, 0])
         wide = np.concatenate([step.transition_change, step.entry_change], axis=2)
@@ -365,7 +373,7 @@ class LinearSystem:
         return np.concatenate([states[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
 
     def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Sensor readings (n_times, n_sensors) and their derivatives (..., n_params) at known states.
+        """Sensor readings (n_times, n_sensors) and their derivatives (n_times, n_sensors, n_params) at known states.
 
         `states` (n_times, n_states, 1 + n_params) hold the state and its derivatives, `inputs` are (n_times, n_inputs).
         """
@@ -444,9 +452,10 @@ class InputHold:
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 
     def oscillation(self, n_times: int) -> FloatArray:
-        """State of `generator` at all `times` for unit force amplitudes, (n_steps + 1, n_states, n_force_values).
+        """State of the oscillating force at the start and end of each step, (n_steps + 1, n_states, n_force_values).
 
-        Amplitudes are all cosines, then all sines if they are free. `n_times` is the number of samples.
+        It is for unit amplitudes: all cosines, then all sines if they are free. The state is forces, then their
+        quadratures. `n_times` is the number of samples.
         """
         assert isinstance(self.force, Oscillation)
         time, eye = self.times(n_times), np.eye(self.n_loads)
@@ -461,9 +470,9 @@ class InputHold:
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
     def force_values(self, samples: FloatArray) -> FloatArray:
-        """The force in the form that `inputs` takes: `samples` (n_times, n_loads) as they are, or amplitudes of an oscillation.
+        """The force as the simulation takes it: `samples` (n_times, n_loads), or the amplitudes of an oscillation.
 
-        The amplitudes (n_force_values,) multiply `waveforms` and are fitted to the samples by least squares.
+        The amplitudes (n_force_values,), cosines and then sines, are fitted to the samples by least squares.
         """
         if not self.oscillates:
             return samples

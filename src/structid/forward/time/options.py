@@ -99,7 +99,7 @@ class TimeOptions:
     drift: Number = 0
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on an undeclared option value or options that contradict each other."""
+        """Raise `InputError` on an undeclared value, wrong `quantities`, or `rest_time` with an unknown start."""
         require_declared(self)
         if not self.quantities or not set(self.quantities) <= {"displacement", "velocity", "acceleration"}:
             raise InputError(f"`quantities` must list kinds of motion, got {self.quantities!r}")

@@ -151,9 +151,10 @@ class Incidentals:
         return Incidental(force, None if at_rest is None else solution[:n_initial], basis)
 
     def columns(self, values: FloatArray) -> FloatArray:
-        """Derivative (n_data, n_unknowns) of the data rows by the initial state, then by force amplitudes or samples.
+        """Derivative (n_data, n_unknowns) of whitened data rows by the initial state, then by forces of noisy loads.
 
-        Only forces of noisy loads count; `values` (n_params,) are the parameters.
+        Forces are amplitudes of an oscillation, or samples, time slowest. Without a free start the first are left out.
+        `values` (n_params,) are the parameters.
         """
         of, model, noisy = self.histories, self.model, self.histories.noisy_loads
         readings: list[FloatArray] = []
@@ -317,7 +318,10 @@ class OutputErrorProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self._errors(self.physical(theta)))
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+
+        Initial state and noisy forces are eliminated; they take degrees of freedom.
+        """
         if self.channels is None:
             data, rows, n_eliminated = self._error_slopes(self.physical(theta), np.zeros((0, len(self.deviation))))
         else:
@@ -333,10 +337,11 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, incidental.force)
 
     def _error_slopes(self, values: FloatArray, gain_slopes: FloatArray) -> tuple[FloatArray, FloatArray, int]:
-        """Whitened errors (n_data,), their derivatives (n_data, n_params + n_gains), and the number of eliminated unknowns.
+        """Whitened errors (n_data,), derivatives (n_data, n_params + n_gains), and number of eliminated unknowns.
 
-        Derivatives are by the parameters `values` (n_params,) of the structure, then by gains, which change every
-        reading by the parts `gain_slopes` (n_gains, n_sensors).
+        Initial state and noisy forces are eliminated from the derivatives. These are by the parameters `values`
+        (n_params,) of the structure, then by gains, which change every reading by the parts `gain_slopes` (n_gains,
+        n_sensors).
         """
         incidental = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, incidental.force, incidental.initial, self.n_times)
@@ -347,9 +352,10 @@ class OutputErrorProblem(RecordProblem):
         return self.histories.errors(predicted, incidental.force), rows, incidental.basis.shape[1]
 
     def _without_gains(self, theta: FloatArray) -> tuple[OutputErrorProblem, FloatArray]:
-        """Problem without gains, whose readings and deviations are divided by those at `theta`, and the structure's parameters.
+        """Problem without gains, and the parameters (n_params,) of the structure, at the free variables `theta`.
 
-        `theta` are the free variables, gains after the structure's; the parameters are (n_params,).
+        Readings and deviations of the problem are divided by the gains at `theta`, which has them after the structure's
+        variables.
         """
         assert self.channels is not None
         physical, n = self.physical(theta), self.parameters.n_params
@@ -365,13 +371,15 @@ _NO_NOISE = (
 
 
 def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> TimeModel:
-    """Time-domain model of the fitted channels of `record`.
+    """Time-domain model of the fitted channels of `record`, with the hold of its forces or support motions.
+
+    Fitted are the channels whose quantity is in `options.quantities`.
 
     Raises
     ------
     InputError
-        If there is nothing to fit or to drive the structure, if both forces and supports drive it, if a channel is not part of
-        it, or if the rest ends before the first sample while the force is known by samples only.
+        If there is nothing to fit or to drive the structure, if both forces and supports drive it, if a channel is not
+        part of it, or if the rest ends before the first sample while the force is known by samples only.
     """
     fitted, loads = _chosen(record, options.quantities), _chosen(record, LOADS)
     if not len(fitted):
@@ -395,7 +403,8 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
     """Supports whose measured acceleration drives the structure, one for each load; empty if forces do.
 
-    `loads` are the indices of the input channels. Raises `InputError` if such a channel is no support.
+    `loads` are the indices of the input channels. Raises `InputError` if such a channel is no support, or others are
+    forces.
     """
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()

@@ -172,11 +172,11 @@ def _follow_stages(
     strict: bool,
     tools: TaskContext,
 ) -> tuple[int, float, FloatArray, int]:
-    """A search through stages with more and more samples, from the free variables `theta`.
+    """A search through stages with more and more samples, from the free variables `theta` (n_params,).
 
-    With `strict`, it ends at the first stage that misses the noise. In all stages but the last, parameters have a prior
-    at where the stage begins, with half of each value as deviation. `sizes` are the numbers of samples of the stages.
-    `theta` is (n_params,).
+    With `strict`, it ends at the first stage whose chi-square is less probable than `options.misfit_probability`. In
+    all stages but the last, parameters have a prior at where the stage begins, with half of each value as deviation.
+    `sizes` are the numbers of samples of the stages; `tools` give the minimizer and the report of progress.
 
     Returns
     -------
@@ -221,11 +221,12 @@ def _rounds(
     work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Starting points of the search in rounds, each made when all before have failed.
+    """Yield starting points of the search in rounds, each made when all before have failed.
 
-    First linear fits, the initial values and the weak form; then two random points at a time, about 5 % from where the best
-    search ended and about 20 % from one of the first starts. After the first pair come starts by posterior linearization.
-    `ways` holds the results of all searches so far, `sizes` the numbers of samples of the stages.
+    First linear fits, the initial values and the weak form (with driven supports the initial values alone); then two
+    random points at a time, about 5 % from where the best search ended and about 20 % from one of the first starts.
+    After the first pair come starts by posterior linearization. `ways` holds the results of all searches so far,
+    `sizes` the numbers of samples of the stages.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -253,11 +254,12 @@ def _far_rounds(
     work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Starting points by posterior linearization, in turn from the initial values and twice from the best minimum.
+    """Yield starting points by posterior linearization, in turn from the initial values and from the best minimum.
 
-    From the initial values it may miss high modes by some periods, which it finds from the best minimum. Each point is searched
-    from the stage whose samples were linearized, and from the first. There are at most six; none follow if two lead back to the
-    same minimum. `ways` holds the results of all searches so far, `sizes` the numbers of samples of the stages.
+    The best minimum serves twice in a row. From the initial values it may miss high modes by some periods, which it
+    finds from the best minimum. Each point is searched from the stage whose samples were linearized, and from the
+    first. There are at most six; none follow if two lead back to the same minimum, to 1 % of its misfit. `ways` holds
+    the results of all searches so far, `sizes` the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, agreed = problem.first(sizes[first]), 0
@@ -333,7 +335,7 @@ def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) 
 
 
 def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Starting point (n_params,), free variables, by the weak form; nothing if it is not applicable."""
+    """Yield the starting point (n_params,), free variables, by the weak form; nothing if it is not applicable."""
     try:
         fitted = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
     except InputError:

@@ -314,7 +314,7 @@ class SpectraModel:
         return self._state(*self._split_parameters(physical))[2]
 
     def evaluated(self, physical: FloatArray) -> Evaluation:
-        """Predicted spectra and whitened residual at `physical` (n_params,), cached if small.
+        """Predicted spectra and whitened residual at `physical`, with transients solved for; stored for reuse if small.
 
         `physical` are the parameters of the structure, then those of channel errors.
         """
@@ -376,7 +376,8 @@ class SpectraModel:
     def _evaluate(self, physical: FloatArray) -> Evaluation:
         """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
 
-        Nothing is kept from earlier calls.
+        The result has motions, the part of each likeliest force in each reading, whitening and whitened residual.
+        Nothing is taken from earlier calls.
         """
         spectra = self.spectra
         of_structure, read, stated = self._split_parameters(physical)
@@ -404,10 +405,10 @@ class SpectraModel:
         return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, linear, data)
 
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
-        """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors).
+        """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors), not whitened.
 
-        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical`. `physical` is
-        (n_own + n_errors,).
+        The transient is read with the error of the sensor alone. `at` is the evaluation at `physical` (n_own +
+        n_errors,).
         """
         if self.errors is None:
             return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
@@ -647,7 +648,10 @@ class SpectraProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self.model.evaluated(self.physical(theta)).data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+
+        Transients are eliminated and take degrees of freedom. Data rows are real, then imaginary parts.
+        """
         evaluation, change = self.model.changes(self.physical(theta))
         left, _ = evaluation.linear.project_out(np.moveaxis(change, 2, 0).reshape(change.shape[2], -1))
         rows = stack_real(left.T) * self.slope(theta)

@@ -118,9 +118,10 @@ class WeakForm:
         return [self.structure.matrix(matrix_kind, properties).toarray() for matrix_kind in _MATRIX_KINDS]
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Weak-form equations weighted by their covariance at `values`, with instruments freed of shared noise.
+        """Weak-form equations weighted by their noise covariance at `values` (n_params,), and their instruments.
 
-        `values` (n_params,) are physical parameters.
+        Instruments are free of the noise of the rows. The instruments are the regressors less the noise that the
+        weighted residual lets expect in them.
 
         Raises
         ------
@@ -161,7 +162,10 @@ class WeakForm:
 
 
 def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> WeakForm:
-    """Weak-form equations of motion of a record, with test functions over windows.
+    """Weak-form equations of motion of a record: integrals of test functions with motion and force, over windows.
+
+    Derivatives act on the test functions, so that one kind of motion serves each degree of freedom. The length of a
+    window is `options.window` or suits the power of the motion.
 
     Raises
     ------
@@ -271,10 +275,10 @@ def _filters(
 
 
 def modulating_function(position: FloatArray, order: int) -> FloatArray:
-    """Derivative of given `order` of the test function cos(pi x)^(2 n), |x| < 1/2, at `position` x, in window lengths.
+    """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `position` x, in window lengths.
 
-    n is `_POWER`. The function's first 2 n - 1 derivatives vanish at both ends, so that sums over samples integrate it as
-    exactly as the samples show the motion. `position` may have any shape, which the result has too; it is 0 outside.
+    The function's first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the
+    samples show the motion. `position` may have any shape, which the result has too; it is 0 outside.
     """
     total = np.zeros_like(position)
     for k in range(_POWER + 1):

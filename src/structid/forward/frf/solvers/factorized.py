@@ -89,10 +89,10 @@ class DenseSolver:
     def at(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> DenseFields:
-        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the two last asked for are cached.
+        """Dense fields at all lines under `loads` (n_dofs, n_loads), by default under all columns.
 
-        `physical` are the parameter values (n_params,), `coefficients` (n_lines, n_matrices) those of the matrices in
-        Z.
+        The two last results are cached. `physical` (n_params,) are the parameter values, `coefficients` (n_lines,
+        n_matrices) those of the matrices in the dynamic stiffness; of these only the column of damping, s, is used.
         """
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
@@ -335,10 +335,10 @@ def sweep_error(
     loads: IntArray,
     forces: tuple[ParameterForces, ComplexArray],
 ) -> ErrorOf:
-    """Function (line, exact, approximate) for the error of fields from a reduced basis, over the allowed error: 1 is the limit.
+    """Function (line, exact, approximate) for the error of fields from a reduced basis over the allowed error.
 
-    Readings may be off by `tolerance` of the largest in their line, derivatives by ten times that in root mean square over
-    parameters.
+    At most 1 is good enough. Readings may be off by `tolerance` of the largest in their line, derivatives by ten times
+    that in root mean square over parameters.
 
     Parameters
     ----------
@@ -347,6 +347,7 @@ def sweep_error(
     loads : (n_loads,) int array
         Columns of the fields under loads.
     forces : (ParameterForces, (n_frequencies, n_maps) complex array)
+        Operator of the forces (dZ/dp) x, and the factors of its maps at each line.
     """
     maps, factors = forces
 

@@ -79,9 +79,10 @@ class TabulatedFrf:
         yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
 
     def _signed_receptances(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Receptances (n_lines, n_outputs, n_inputs) with the signs of the channels, and their derivatives (..., n_params).
+        """Receptances (n_lines, n_outputs, n_inputs) with the signs of both channels, and derivatives (..., n_params).
 
-        `physical` (n_params,) are the parameters.
+        They are interpolated in the table of the solver, in the order of the record. `physical` (n_params,) are the
+        parameters.
         """
         lines, (outputs, senses), (inputs, ways) = self._places
         values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
