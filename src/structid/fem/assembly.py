@@ -27,7 +27,7 @@ class Assembly:
     ----------
     structure : Structure
     matrix_kinds : tuple of str
-        ``inertia viscous elastic structural`` and one ``friction:NAME`` for each friction element.
+        ``mass damping stiffness structural_damping`` and one ``friction:NAME`` for each friction element.
     indices, indptr : int arrays
         The pattern in compressed columns.
     maps : tuple of (n_entries, n_elements) sparse arrays
@@ -41,9 +41,10 @@ class Assembly:
     maps: tuple[sparse.csc_array, ...]
 
     def data(self, values: FloatArray) -> FloatArray:
-        """Entries of each matrix in the shared pattern at the property `values` (n_values,), (n_matrices, n_entries).
+        """Entries (n_matrices, n_entries) of each matrix in the shared pattern at the property `values` (n_values,).
 
-        Rows are in the order of `matrix_kinds`; zeros where the structure has no such matrix.
+        Rows are in the order of `matrix_kinds`; zeros where the structure has no such matrix. Entries are in the order
+        of compressed columns.
         """
         rows = np.zeros((len(self.matrix_kinds), len(self.indices)))
         for part, entries in zip(self.structure.contributions, self.maps, strict=True):
@@ -64,6 +65,10 @@ def structure_matrix_kinds(structure: Structure) -> tuple[str, ...]:
 def assembly(structure: Structure) -> Assembly:
     """The shared sparsity pattern of the matrices of `structure`, with maps from element weights to its entries.
 
+    The pattern holds the entries of all matrices and the diagonal, in compressed columns. There is a sparse map
+    (n_entries, n_elements) for each contribution, that is for each family of element matrices with the values that
+    weigh them.
+
     Notes
     -----
     The pattern is the product of the incidence of elements and degrees of freedom with itself, so no list of all
@@ -82,7 +87,7 @@ def assembly(structure: Structure) -> Assembly:
 def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_array:
     """Union of the sparsity patterns of all element matrices and the diagonal, boolean (n, n), indices sorted.
 
-    Its rows are the columns of the matrices.
+    `families` are the element matrices on n degrees of freedom. Rows of the result are the columns of the matrices.
     """
     total = sparse.csr_array(sparse.eye_array(n, dtype=np.bool_, format="csr"))
     small = [blocks for blocks in families if isinstance(blocks, Blocks)]
@@ -121,10 +126,10 @@ def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
 
 
 def _weight_map(blocks: ElementMatrices, numbered: sparse.csr_array) -> sparse.csc_array:
-    """Sparse map from element weights to the entries of the pattern, (n_entries, n_elements).
+    """Sparse map from the weights of elements to the entries of the pattern, (n_entries, n_elements).
 
-    `numbered` is the pattern with its entries counted from 1, columns stored as rows. The map shares the array `local` of the
-    blocks where none of its entries is left out.
+    `blocks` are the element matrices; `numbered` is the pattern with its entries counted from 1, columns stored as
+    rows. The map shares the array `local` of the blocks where none of its entries is left out.
     """
     n_entries, n_elements = len(numbered.indices), blocks.n_elements
     if not isinstance(blocks, Blocks):

@@ -73,7 +73,10 @@ class Blocks:
     n_dofs: int
 
     def __post_init__(self) -> None:
-        """Lock the arrays; raise `InputError` if shapes do not fit or a degree of freedom is out of range."""
+        """Make the arrays read-only; raise `InputError` if shapes do not fit or a degree of freedom is out of range.
+
+        The range is -1 (constrained) to `n_dofs` - 1.
+        """
         object.__setattr__(self, "dofs", locked(self.dofs, np.int64))
         object.__setattr__(self, "local", locked(self.local, np.float64))
         require_shape("dofs", self.dofs, (None, None))
@@ -87,7 +90,11 @@ class Blocks:
         return self.dofs.shape[0]
 
     def entries(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-        """Row, column, element and value of each non-zero entry at free degrees of freedom, (n_entries,) each."""
+        """Row, column, element and value of each non-zero entry at free degrees of freedom, (n_entries,) each.
+
+        Rows and columns are degrees of freedom, elements the rows of `dofs`, all from 0. Entries may repeat; their sum
+        is the matrix for unit weights.
+        """
         shape = self.local.shape
         row = np.broadcast_to(self.dofs[:, :, None], shape)
         column = np.broadcast_to(self.dofs[:, None, :], shape)
@@ -146,9 +153,9 @@ class Pattern:
     value: FloatArray
 
     def summed(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array, without entries that are zero.
+        """Weighted sum of all element matrices as a sparse (n_dofs, n_dofs) array, without entries that are zero.
 
-        `weights` hold those of all elements, family by family.
+        `weights` hold one number for each element, family by family.
         """
         size = len(self.starts) - 1
         total = sparse.csc_array((self._data(weights), self.indices.copy(), self.starts.copy()), (size, size))
@@ -156,9 +163,9 @@ class Pattern:
         return total
 
     def dense(self, weights: np.ndarray) -> FloatArray:
-        """The sum of weights[e] B_e as a dense (n_dofs, n_dofs) array.
+        """Weighted sum of all element matrices as a dense (n_dofs, n_dofs) array.
 
-        `weights` hold those of all elements, family by family.
+        `weights` hold one number for each element, family by family.
         """
         size = len(self.starts) - 1
         total = np.zeros(size * size)
@@ -176,9 +183,10 @@ class Pattern:
 
 
 def pattern(families: Sequence[ElementMatrices]) -> Pattern:
-    """The sparsity pattern of the weighted sum of `families` of element matrices, at least one, all on the same n_dofs.
+    """The sparsity pattern of the weighted sum of `families` of element matrices, for fast sums with other weights.
 
-    Elements are counted through all families in their order.
+    There is at least one family, and all have the same n_dofs. Elements are counted through all families in their
+    order.
     """
     parts, n = [family.entries() for family in families], families[0].n_dofs
     row, column, value = (np.concatenate([part[k] for part in parts]) for k in (0, 1, 3))
@@ -203,7 +211,10 @@ class MatrixBlocks:
     matrices: tuple[sparse.csc_array, ...]
 
     def __init__(self, matrices: Sequence[sparse.sparray | sparse.spmatrix | np.ndarray]) -> None:
-        """Convert the matrices to compressed columns; raise `InputError` unless they are square and of equal size."""
+        """Element matrices that are whole matrices, one for each element, converted to compressed columns.
+
+        Raises `InputError` unless they are square and of equal size.
+        """
         converted = tuple(sparse.csc_array(matrix, dtype=np.float64) for matrix in matrices)
         object.__setattr__(self, "matrices", converted)
         for index, matrix in enumerate(converted):
@@ -229,16 +240,19 @@ class MatrixBlocks:
         )
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array."""
+        """Sum of the matrices times `weights` (n_elements,), one a matrix, as a sparse (n_dofs, n_dofs) array.
+
+        Raises `ValueError` for another number of weights.
+        """
         total = sparse.csc_array((self.n_dofs, self.n_dofs))
         for weight, matrix in zip(np.asarray(weights), self.matrices, strict=True):
             total = total + weight * matrix
         return total
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Products y' B_e x with each matrix, without conjugate, (..., n_elements, n_y, n_x).
+        """Products y' B x with each matrix B, without conjugate, (..., n_elements, n_y, n_x).
 
-        `y` is (..., n_dofs, n_y) and `x` (..., n_dofs, n_x).
+        `y` is (..., n_dofs, n_y) and `x` (..., n_dofs, n_x), with the same leading axes.
         """
         batch = x.shape[:-2]
         flat = np.moveaxis(x, -2, 0).reshape(self.n_dofs, -1)

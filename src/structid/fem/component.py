@@ -160,6 +160,8 @@ def reductions(
 ) -> tuple[Reduction, ...]:
     """Reduction of each of `components` to its interface and a few modes, in the order of `components`.
 
+    A code is 6 times the label of a node plus 0 to 5 for X, Y, Z, RX, RY, RZ.
+
     Parameters
     ----------
     components : sequence of Component
@@ -171,6 +173,11 @@ def reductions(
         Codes held at zero.
     kept : (n,) int array
         Codes that are always part of the interface, such as those of measured components.
+
+    Returns
+    -------
+    tuple of Reduction
+        Matrices of each component, and how its inner degrees of freedom follow its interface and some of their own.
 
     Raises
     ------
@@ -212,8 +219,9 @@ def reductions(
 def _codes_in_ties(equations: DofEquations, used_codes: IntArray) -> IntArray:
     """Codes in `used_codes` that ties make dependent, with all codes that they follow through ties; sorted, (n_codes,).
 
-    `equations` maps dependent codes to the codes and weights that they follow. Codes of `used_codes` without an equation are left
-    out, and so are dependents outside `used_codes`: they only read an element.
+    A code is 6 times the label of a node plus 0 to 5 for X to RZ. `equations` maps dependent codes to the codes and
+    weights that they follow. Codes of `used_codes` without an equation are left out, and so are dependents outside
+    `used_codes`: they only read an element.
     """
     codes, pending = set(), [code for code in used_codes.tolist() if code in equations]
     while pending:
@@ -231,12 +239,12 @@ def _reduce_component(
     joined: IntArray,
     constrained: frozenset[int],
 ) -> Reduction:
-    """The component as one group of matrices, and how its inner degrees of freedom follow its interface and modes (`following`).
+    """The component as one group of matrices, and how its inner degrees of freedom follow its interface and modes.
 
-    `following` is None if `component.whole`, which nothing reduces. `properties_of_set` are the properties of its element sets
-    by name, and `codes` its degrees of freedom, in the order of the group. `joined` are the codes to keep and `constrained` those
-    held at zero, both of the whole structure. Raises `InputError` if no code is kept or none is inside, or the component cannot
-    be reduced.
+    How they follow is None if `component.whole`, which nothing reduces. `properties_of_set` are the properties of its
+    element sets by name, and `codes` (6 times the node plus 0 to 5 for X to RZ) its degrees of freedom, in the order of
+    the group. `joined` are the codes to keep and `constrained` those held at zero, both of the whole structure. Raises
+    `InputError` if no code is kept or none is inside, or the component cannot be reduced.
     """
     matrices = _nominal_matrices(component, properties_of_set, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(constrained))
@@ -286,10 +294,11 @@ def _interface_codes(component: Component, codes: IntArray, equations: DofEquati
 def _nominal_matrices(
     component: Component, properties_of_set: Mapping[str, tuple[PropertyMatrices, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
-    """Matrices of a component at nominal property values by kind, (n_codes, n_codes) each; all zero where there are none.
+    """Matrices of a component at nominal property values by kind, sparse (n_codes, n_codes); all zero if it has none.
 
-    `properties_of_set` are the properties of its element sets by name, `codes` (n_codes,) its degrees of freedom in order. Raises
-    `InputError` if a set has friction or lengths that are properties, which no reduction keeps.
+    Kinds are "mass", "damping", "stiffness" and "structural_damping". `properties_of_set` are the properties of its
+    element sets by name, `codes` (n_codes,) its degrees of freedom in order (6 times the node plus 0 to 5 for X to RZ).
+    Raises `InputError` if a set has friction or lengths that are properties, which no reduction keeps.
     """
     properties, start = [], 0
     for name, several in properties_of_set.items():
@@ -315,9 +324,9 @@ def _as_matrix_group(
 ) -> tuple[MatrixGroup, tuple[PropertyMatrices, ...]]:
     """The component as a group of matrices with one factor each, and the properties of that group with their matrices.
 
-    `codes` (n_codes,) are the degrees of freedom of the rows of the `matrices` (by kind). If structural damping is one
-    multiple of the stiffness, the group has that loss factor; otherwise a property with the matrix of structural damping stands
-    in its place.
+    `codes` (n_codes,), 6 times the node plus 0 to 5 for X to RZ, are the degrees of freedom of the rows of the
+    `matrices` (by kind). If structural damping is one multiple of the stiffness, to 1e-12, the group has that loss
+    factor; otherwise a property with the matrix of structural damping stands in its place.
     """
     stiffness, structural = matrices["stiffness"], matrices["structural_damping"]
     largest = abs(stiffness).max()

@@ -150,7 +150,11 @@ class Monomial(Factor):
         return math.prod(others, start=first)
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the products by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
+        """Derivative of the product of powers of values, (n_elements,), by its factor `number` (from 0).
+
+        The factor is the power of the values at `value_indices[number]`; all are taken at the property values `values`
+        (n_values,) of the structure.
+        """
         powers = self._powers(values)
         rows, reference, exponent = self._parts[number]
         slope = exponent * (values[rows] / reference) ** (exponent - 1) / reference
@@ -247,9 +251,10 @@ class Contribution:
         return mask if self.scale is None else mask | self.scale.touched(changing)
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """Derivative of the weights by parameters at the property `values`, sparse (n_elements, n_params).
+        """Derivative of the weights of the element matrices by parameters, sparse (n_elements, n_params).
 
-        `design` (n_values, n_params) is the derivative of the values by the parameters.
+        It is taken at the property values `values` (n_values,) of the structure; `design` (n_values, n_params) is their
+        derivative by the parameters.
         """
         if not self.is_product:
             return design[self.value]
@@ -262,7 +267,11 @@ class Contribution:
         return sum_of(parts)
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivative of the weights by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
+        """Derivative of the weights of the element matrices, (n_elements,), by the values at `value_indices[number]`.
+
+        Number 0 is the elements' own value, 1 the loss factor if there is one, and those behind belong to length, shear
+        or thickness. It is taken at the property values `values` (n_values,) of the structure.
+        """
         factor = 1.0 if self.factor is None else values[self.factor]
         value, before = values[self.value], 1 if self.factor is None else 2
         if self.scale is not None and number >= before:
@@ -323,10 +332,11 @@ def rigid_mass(
     directions: Sequence[str],
     length_dependences: Mapping[str, LengthDependence],
 ) -> tuple[float, FloatArray]:
-    """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value, (n_values,).
+    """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value.
 
-    Both are 0 if none has. Reduced models, whose rigid motion does not show their mass, are left out. `values` (n_values,)
-    are all property values, `length_dependences` those of element lengths, by set. See `Structure.mass_of`.
+    The derivative is (n_values,). Both are 0 if none has. Reduced models, whose rigid motion does not show their mass,
+    are left out. `properties` are those of the structure, `values` (n_values,) all their values, and
+    `length_dependences` those of element lengths, by set.
     """
     total, gradient = 0.0, np.zeros(len(values))
     pairs = [(item, matrix_term) for item in properties for matrix_term in item.term.matrix_terms]
@@ -357,9 +367,10 @@ def _factor_of(
     matrix_term: ElementMatrixTerm,
     length_dependences: Mapping[str, LengthDependence],
 ) -> Factor | None:
-    """The factor on the weights of a matrix term that depends on length, shear, powers of values or thickness; None for 1.
+    """The factor on the weights of element matrices that depends on length, shear, powers of values or thickness.
 
-    Only the first of these that applies counts. `element` is the name of the set; `length_dependences` are by set.
+    Only the first of these that applies counts; None stands for 1. `matrix_term` are the matrices of the set called
+    `element`; `length_dependences` are by set.
     """
     if matrix_term.length_power:
         return LengthFactor(length_dependences[element], matrix_term.length_power)
@@ -379,7 +390,10 @@ def _factor_of(
 
 
 def _rigid_motion_mass(matrix_term: ElementMatrixTerm, axis: int) -> FloatArray:
-    """Products r' B_e r for the unit translation r along `axis` (0, 1, 2 for X, Y, Z), (n_elements,)."""
+    """Mass of each element, (n_elements,), that moves in a unit translation of all its nodes along `axis`.
+
+    It is r' B r with the element matrix B of `matrix_term`; `axis` is 0, 1, 2 for X, Y, Z.
+    """
     motion = ((matrix_term.codes >= 0) & (matrix_term.codes % 6 == axis)).astype(np.float64)
     if matrix_term.whole is not None:
         return np.array([motion[0] @ (matrix_term.whole @ motion[0])])

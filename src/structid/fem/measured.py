@@ -120,10 +120,11 @@ class MeasuredComponent:
         return f"measured component {self.name!r}" + (f" ({self.source})" if self.source else "")
 
     def receptance_at(self, frequency: FloatArray) -> ComplexArray:
-        """Receptance Y at `frequency` (n_lines,) in Hz: the mean of the measured matrix and its transpose, (n_lines, n, n).
+        """Receptance Y at `frequency` (n_lines,) in Hz: mean of the measured matrix and its transpose, (n_lines, n, n).
 
-        In m/N, read-only. A line that was measured (within 1/1000 of the spacing) is taken as it is; others are interpolated
-        by the cubic through four measured lines. The array is kept for the sets of lines last asked for.
+        In m/N, read-only, on the n degrees of freedom of the interface. A line that was measured (within 1/1000 of the
+        spacing) is taken as it is; others are interpolated by the cubic through four measured lines. The array is
+        cached for the sets of lines last asked for.
 
         Raises
         ------
@@ -172,8 +173,8 @@ class MeasuredComponent:
     def warnings(self) -> tuple[str, ...]:
         """Sentences of warning that hold at all lines: errors unknown, sense of channels, lack of reciprocity.
 
-        The first sentence is always there; a sense is doubted where more than half of the lines give power, reciprocity where
-        Y and its transpose differ by more than 5 %.
+        The first, that masses are told without the component, is always there; the sense of a channel is doubted where
+        more than half of the lines give power, reciprocity where Y and its transpose differ by more than 5 % in norm.
         """
         unknown = ", and errors of its FRFs are not in the intervals; state their noise, or what they may come to as `model_error`"
         words = [f"{self.words}: masses told are without it{unknown if self.variance is None else ''}"]
@@ -210,10 +211,11 @@ class MeasuredComponent:
         )
 
     def _nearest_lines(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
-        """Index of the measured line nearest to each `frequency` (Hz), and True where Y must be interpolated; (n_lines,) each.
+        """Index of the measured line nearest to each `frequency` (Hz), and True where interpolation is needed.
 
-        Raises `InputError` if a line lies outside the measured band, or the measured lines are too far apart to interpolate:
-        one of them would be off by more than 10 % if left out.
+        Both are (n_lines,). A line within 1/1000 of the spacing of a measured one is not. Raises `InputError` if a line
+        lies outside the measured band, or the measured lines are too far apart to interpolate: one of them would be off
+        by more than 10 % if left out.
         """
         measured = self.frequency
         nearest = np.searchsorted((measured[1:] + measured[:-1]) / 2, frequency)

@@ -59,10 +59,11 @@ class AimedSensor:
         return Dof(self.label, self.seen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
-        """The sensor's motion by the translations of its node: {code of the sensor: {code at the node: direction cosine}}.
+        """The sensor's motion by translations of its node: {code of the sensor: {code at the node: direction cosine}}.
 
-        `positions` are not needed; `active` are the directions in which nodes move, and others are left out. Raises
-        `InputError` if the node moves in no direction that the sensor sees.
+        A code is 6 times the label of a node plus 0 to 5 for X to RZ. `positions` are not needed; `active` are the
+        directions in which nodes move, and others are left out. Raises `InputError` if the node moves in no direction
+        that the sensor sees.
         """
         parts = {
             dof_code(self.node, d): part
@@ -111,7 +112,7 @@ class NearestNodes:
 def nearest_nodes(
     points: Sequence[Sequence[float]], nodes: Mapping[int, FloatArray], tolerance: float | None = None
 ) -> NearestNodes:
-    """The node nearest to each of `points`, and its distance in m, in the order of `points`.
+    """The node nearest to each of `points` (the first of several), and its distance in m, in the order of `points`.
 
     Parameters
     ----------
@@ -207,7 +208,10 @@ def mesh_points(
 
 
 def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str, ...]:
-    """Directions, such as "X", in which `elements` let `node` move, or the middle nodes that it carries; in the usual order."""
+    """Directions, such as "X", in which `elements` let `node` move, or nodes at offsets that it carries.
+
+    They are in the order X, Y, Z, RX, RY, RZ; `mesh` gives positions and carried nodes. Empty if no element is there.
+    """
     here = [node, *(made for made, carrier in mesh.carriers.items() if carrier == node)]
     used = [element.codes(mesh.nodes) for element in elements if np.isin(element.nodes, here).any()]
     codes = joined_codes(used)
@@ -247,9 +251,9 @@ def with_joint_forces(
 ) -> Structure:
     """Copy of the structure with one new degree of freedom for each joint force, that is for each column of `parts`.
 
-    `parts` (n_loads, n_joint) are the weights of the `loads` in each joint force, `joint_dofs` the n_joint new degrees of
-    freedom. Each follows the `loads`, weighted by its column (a `Constraint`), so that its force does the same work; its new
-    node lies where the load with the largest weight is.
+    `parts` (n_loads, n_joint) are the weights of the `loads` in each joint force, `joint_dofs` the n_joint new degrees
+    of freedom. Each follows the `loads`, weighted by its column (weights that are rounding left out), so that its force
+    does the same work; its new node lies where the load with the largest weight is.
     """
     nodes, ties = dict(structure.nodes), list(structure.ties)
     for dof, column in zip(joint_dofs, parts.T, strict=True):

@@ -171,7 +171,10 @@ class ModalDamping(Factor):
         return sparse.coo_array((rows.ravel(), indices), (len(self.rows), design.shape[1])).tocsr()
 
     def at(self, values: FloatArray) -> ModalState:
-        """The modes of the structure at the property `values` (n_values,); the last result is kept."""
+        """Modes of the structure at the property values `values` (n_values,): shapes, and modal masses and stiffnesses.
+
+        The last result is cached, by the values that masses and stiffnesses depend on.
+        """
         key = values[self._values].tobytes()
         if key not in self._known:
             self._known.clear()
@@ -179,10 +182,11 @@ class ModalDamping(Factor):
         return self._known[key]
 
     def _solve_modes(self, values: FloatArray) -> ModalState:
-        """Modes at these property values, scaled to phi' (M + K / shift) phi = 1 with a shift that balances mass and stiffness.
+        """Modes at property values (n_values,), with phi' (M + K / c) phi = 1; c balances mass and stiffness.
 
-        The shift is the least ratio of diagonal entries of K and M, 1 if there is none above 0. Raises `SingularModelError`
-        if a motion has neither mass nor stiffness.
+        c is the least ratio of diagonal entries of K and M, 1 if there is none above 0. The result has shapes, their
+        products with M + K / c, and square roots of modal mass and stiffness. Raises `SingularModelError` if a motion
+        has neither.
         """
         mass, stiffness = (self._dense_matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness"))
         has_mass = np.diag(mass) > 0
@@ -201,7 +205,7 @@ class ModalDamping(Factor):
         return ModalState(shapes, scaled_sum @ shapes, heavy, stiff * np.sqrt(scaling))
 
     def _dense_matrix(self, matrix_kind: str, values: FloatArray) -> FloatArray:
-        """Dense mass or stiffness matrix of the contributions at these property values, (n_dofs, n_dofs).
+        """Dense mass or stiffness matrix of the structure at property values (n_values,), (n_dofs, n_dofs).
 
         `matrix_kind` is "mass" or "stiffness".
         """
@@ -229,7 +233,10 @@ class ModalDamping(Factor):
 
 
 def modal_damping(parts: Sequence[Contribution], ratio_index: int, n_values: int, n_dofs: int) -> Contribution:
-    """Viscous damping with one ratio in all modes, as a contribution with one element for each entry of the upper triangle.
+    """Viscous damping with one ratio in all modes, as a contribution to the damping matrix that the ratio multiplies.
+
+    It has one element for each entry of the upper triangle, weighted by that entry for a ratio of 1, which depends on
+    masses and stiffnesses.
 
     Parameters
     ----------
@@ -243,7 +250,8 @@ def modal_damping(parts: Sequence[Contribution], ratio_index: int, n_values: int
     Raises
     ------
     InputError
-        If the structure is too large (more than 1200 degrees of freedom), or lacks mass or stiffness.
+        If the structure is too large (more than 1200 degrees of freedom, or too many entries times values), or lacks
+        mass or stiffness.
     """
     own = tuple(part for part in parts if part.matrix_kind in ("mass", "stiffness"))
     if {part.matrix_kind for part in own} != {"mass", "stiffness"}:

@@ -58,10 +58,10 @@ class NodePosition:
 
     @property
     def term(self) -> PropertyMatrices:
-        """The position as a property of kind "position", m, with limits that keep the elements beside the node from vanishing.
+        """The position as a property of kind "position", m, with limits that keep the elements there from vanishing.
 
-        Each stays at least a thousandth of the distance of the neighbours long (of the position, if nothing lies beyond), or
-        half as long as it is nominally, whichever is less.
+        An element stays at least a thousandth of the distance of the neighbours long (of the position, if nothing lies
+        beyond), or half as long as it is nominally, whichever is less.
         """
         beyond = self.limit - self.position
         shortest = _SHORTEST * (self.limit if np.isfinite(self.limit) else self.position)
@@ -102,7 +102,10 @@ class LengthDependence:
         )
 
     def ratio(self, values: FloatArray) -> FloatArray:
-        """Length of each element over its nominal length, (n_elements,), at all property `values` (n_values,)."""
+        """Length of each element over its nominal length, (n_elements,), at all property values (n_values,).
+
+        It is 1 at the nominal values, and linear in the values.
+        """
         ratio = np.ones_like(self.lengths)
         for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
             ratio = ratio + slope * (values[rows] - nominal) / self.lengths
@@ -112,15 +115,16 @@ class LengthDependence:
 def node_positions(
     nodes: Sequence[int], elements: Sequence[ElementSet], positions: NodeCoordinates, ties: Sequence[Tie]
 ) -> tuple[NodePosition, ...]:
-    """The line and nominal position of each of the `nodes` whose position is a property; in their order, repeats dropped.
+    """The line and nominal position of each of the `nodes` whose position is a property, in order, each once.
 
-    `positions` are those of all nodes, m; `elements` and `ties` are all of the structure.
+    A node may move along the straight line of the bars or beams that end there. `positions` are those of all nodes, m;
+    `elements` and `ties` are all of the structure.
 
     Raises
     ------
     InputError
-        If a node is not there, has no bar or beam, is a corner of cells or in a rigid link, or the lines that meet there are
-        not straight.
+        If a node is not there, has no bar or beam, is a corner of cells or in a rigid link, or the lines that meet
+        there are not straight.
     """
     made = tuple(_make_node_position(node, elements, positions) for node in dict.fromkeys(nodes))
     for node in dict.fromkeys(nodes):
@@ -131,10 +135,11 @@ def node_positions(
 
 
 def _make_node_position(node: int, elements: Sequence[ElementSet], positions: NodeCoordinates) -> NodePosition:
-    """The line along which `node` may move, from the bars and beams that end there.
+    """The line along which `node` may move, its nominal position on it, m, and where the next node lies.
 
-    The position is measured from the start node of the first element that ends at `node`, or from the end node of the first
-    that begins there if none ends there. Raises `InputError` if there is no such element, or they are not on a line.
+    The position is measured from the start node of the first element that ends at `node`, or from the end node of the
+    first that begins there if none ends there; the limit is infinite without a node beyond. Raises `InputError` if
+    there is no such element, they are not on a line, or two neighbours are on one side.
     """
     if node not in positions:
         raise InputError(f"`sliding` names node {node}, which the structure does not have")
@@ -261,8 +266,10 @@ def length_dependence(
 ) -> LengthDependence:
     """Dependence of the lengths of a set of lines on the positions of the nodes that slide.
 
-    `position_of_node` maps the label of such a node to its line, `positions` all labels to coordinates in m, and
-    `index_of_value` the name of each position, such as ``node 2``, to its index among the values of the structure.
+    It has, for each end of the set that slides anywhere, the index of the position among the property values, the slope
+    of the length (+1, -1 or 0) and the nominal position, (n_elements,) each. `position_of_node` maps the label of such
+    a node to its line, `positions` all labels to coordinates in m, and `index_of_value` the name of each position, such
+    as ``node 2``, to its index among the values of the structure.
     """
     lengths, along = element_vectors(element.name, element.nodes, positions)
     moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(position_of_node)).any()]

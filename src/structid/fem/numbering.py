@@ -54,6 +54,8 @@ def numbering(
 ) -> Numbering:
     """Numbering of the free degrees of freedom, with the sparse map u = T q (n_all, n_free) from them to all.
 
+    A code is 6 times the label of a node plus 0 to 5 for X, Y, Z, RX, RY, RZ.
+
     Parameters
     ----------
     codes : sequence of int
@@ -90,9 +92,10 @@ def numbering(
 def _dependence_matrix(
     codes: IntArray, equations: DofEquations, following: Sequence[FollowingDofs]
 ) -> sparse.csr_array:
-    """Sparse matrix D (n_all, n_all) of direct dependences, u = D u in the rows of dependent codes; other rows are empty.
+    """Sparse matrix D (n_all, n_all) of direct dependences, u = D u in rows of dependent codes; others are empty.
 
-    Rows and columns are `codes` (sorted); entries are the weights of `equations` and of the groups `following`.
+    Rows and columns are `codes` (sorted), 6 times the label of a node plus 0 to 5 for X to RZ; entries are the weights
+    of `equations` and of the groups `following`.
     """
     entries = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
     tables = [np.array([entry[:2] for entry in entries], dtype=np.int64).reshape(-1, 2)]
@@ -109,7 +112,8 @@ def _dependence_matrix(
 def _require_no_circle(equations: DofEquations) -> None:
     """Raise `InputError` if a degree of freedom depends on itself through `equations`; the message shows the circle.
 
-    `equations` maps dependent codes to the codes and weights that they follow.
+    `equations` maps dependent codes (6 times the label of a node plus 0 to 5 for X to RZ) to the codes and weights that
+    they follow.
     """
     done: set[int] = set()
     for start in equations:
@@ -161,10 +165,10 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
 
 
 def free_blocks(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> ElementMatrices:
-    """Element matrices of a matrix term on the free degrees of freedom: T' B T with the map T of the numbering `all_dofs`.
+    """Element matrices on the free degrees of freedom: T' B T with the map T of the numbering `all_dofs`.
 
-    A term with a matrix on all of its codes (`whole`) becomes a single dense or sparse matrix, any other one block for each
-    element.
+    B are those of `matrix_term`, on all degrees of freedom. A term with a matrix on all of its codes (`whole`) becomes
+    a single dense or sparse matrix, any other one block for each element.
     """
     position = _positions_in(all_dofs, matrix_term)
     if matrix_term.whole is not None:

@@ -260,7 +260,10 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _length_dependences(self) -> dict[str, LengthDependence]:
-        """Dependence of element lengths on properties, by name of the element set, where lengths or node positions vary."""
+        """Dependence of element lengths on properties, by name of the element set, for sets whose lengths may change.
+
+        They change with a length that has a tolerance, a factor on all, or with the position of a node.
+        """
         index_of_length = {p.element: p.values.start for p in self.properties if p.term.kind == "length"}
         index_of_position = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
         of_node = {node_position.node: node_position for node_position in self._node_positions}
@@ -294,14 +297,21 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def numbering(self) -> Numbering:
-        """All degrees of freedom that elements and ties use, and how they follow the free ones; see `Numbering`."""
+        """All degrees of freedom that elements and ties use, sorted, and the sparse map to them from the free ones.
+
+        Those that supports hold, or that are outside the active directions, have empty rows. Raises `InputError` if
+        ties run in a circle or hold what is fixed.
+        """
         used = [matrix_term.codes for item in self.properties for matrix_term in item.term.matrix_terms]
         codes = joined_codes([*used, tied_codes(self._equations)])
         following = [reduction.following for reduction in self.reductions if reduction.following is not None]
         return numbering(codes.tolist(), self._constrained(codes), self._equations, following)
 
     def _constrained(self, codes: IntArray) -> frozenset[int]:
-        """The codes among `codes` (n,) that are held at zero: by supports, or as directions outside `active`."""
+        """The codes among `codes` (n,) that are held at zero: by supports, or as directions outside `active`.
+
+        A code is 6 times the label of a node plus 0 to 5 for X to RZ.
+        """
         moves = np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()]) | np.isin(
             codes, self._numbered.free
         )
@@ -311,9 +321,10 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def reductions(self) -> tuple[Reduction, ...]:
-        """Reductions of the `components` to their interface and a few modes, in their order; `measured` ones have none.
+        """Reductions of the components in `components` to their interface and a few modes, in their order.
 
-        `InputError` if a line set of a component has a tolerance of its length.
+        Components in `measured` have none. Raises `InputError` if a component cannot be reduced, or a line set of one
+        has a tolerance of its length.
         """
         if not self.components:
             return ()
@@ -348,7 +359,8 @@ class Structure(Shown, StructurePlots):
     def contributions(self) -> tuple[Contribution, ...]:
         """Element matrices on free degrees of freedom, each family with the property values that weigh it.
 
-        Modal damping, if `damping_ratio` is not None, is the last.
+        Their weighted sums are the mass, damping, stiffness and other matrices. Modal damping, if `damping_ratio` is
+        not None, is the last.
         """
         parts = weigh_properties(self.properties, partial(free_blocks, self.numbering), self._length_dependences)
         if self.damping_ratio is None or not self.n_dofs:
@@ -372,6 +384,8 @@ class Structure(Shown, StructurePlots):
 
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
         """The bases whose supports are among the inputs `dofs`, in that order; () if all of them are forces.
+
+        A base is a set of supports that one measured motion drives.
 
         Raises
         ------
@@ -399,9 +413,10 @@ class Structure(Shown, StructurePlots):
         return replace(self, components=tuple(replace(component, whole=True) for component in self.components))
 
     def release_supports(self, bases: tuple[Base, ...]) -> Structure:
-        """The structure with the supports of `bases` released and those of each base tied to its first; made once for them.
+        """The structure with the supports of `bases` released and those of each base tied to its first.
 
-        Components that hold such supports keep them on their interface.
+        It is cached. A base is a set of supports that one motion drives. Components that hold such supports keep them
+        on their interface.
 
         Raises
         ------
@@ -559,7 +574,10 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 
 def _require_names(structure: Structure) -> None:
-    """Raise `InputError` if two parts share a name, or elements or supports name nodes that do not exist."""
+    """Raise `InputError` if two parts share a name, or elements or supports name nodes that do not exist.
+
+    Parts are element sets, components and measured components, sliding nodes, and the damping ratio of all modes.
+    """
     names = [e.name for e in structure.elements] + [component.name for component in structure.components]
     names += [component.name for component in structure.measured] + [f"node {label}" for label in structure.sliding]
     names += [] if structure.damping_ratio is None else [ALL_MODES]
@@ -603,7 +621,10 @@ def _require_interfaces(structure: Structure) -> None:
 
 
 def _require_subdivision(structure: Structure) -> None:
-    """Raise `InputError` unless `subdivide` is a whole number from 1 to `MOST_PIECES` and, above 1, some lines can be cut."""
+    """Raise `InputError` unless `subdivide` is a whole number from 1 to `MOST_PIECES` and lines can be cut.
+
+    For 1 no line is needed; above, bars alone that nothing holds sideways are refused too.
+    """
     pieces = structure.subdivide
     if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
         raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")

@@ -167,9 +167,11 @@ def _terms(
 def _cut_into_pieces(
     element: ElementSet, positions: NodeCoordinates, used_codes: IntArray, pieces: int, first: int
 ) -> tuple[PropertyMatrices, ...]:
-    """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on, line by line.
+    """Terms of a set whose lines are each cut into `pieces` elements; new nodes are labelled from `first` on.
 
-    `positions` are node coordinates in m by label; `used_codes` are the codes of degrees of freedom that other elements use.
+    They follow line by line. A term is a property with its values and element matrices. `positions` are node
+    coordinates in m by label; `used_codes` (6 times the node plus 0 to 5 for X to RZ) are degrees of freedom that other
+    elements use.
     """
     scaled = {label: position / pieces for label, position in positions.items()}  # lines as long as one piece
     between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
@@ -185,8 +187,8 @@ def _cut_into_pieces(
 def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> ElementMatrixTerm:
     """Matrices of chains of equal pieces, (n_pieces + 1) nodes each, from the matrices of one piece.
 
-    `between` (n_elements, n_pieces - 1) are the labels of the inner nodes. Rows are the first end, the inner nodes in order,
-    and the second end.
+    `matrix_term` has those of one piece of each element, on its two ends; `between` (n_elements, n_pieces - 1) are the
+    labels of the inner nodes. Rows are the first end, the inner nodes in order, and the second end.
     """
     n, width = matrix_term.codes.shape
     half, pieces = width // 2, between.shape[1] + 1
@@ -232,7 +234,7 @@ def _replace_code(
 ) -> tuple[PropertyMatrices, ...]:
     """Copy of `terms` with the code `old` replaced by `new` in the element rows `rows`.
 
-    Properties that share matrices go on sharing them.
+    A code is 6 times the label of a node plus 0 to 5 for X to RZ. Properties that share matrices go on sharing them.
     """
 
     def replaced(codes: IntArray) -> IntArray:
@@ -275,7 +277,8 @@ def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tupl
 def _stiff_directions(terms: Sequence[PropertyMatrices], row: int, node: int) -> list[str]:
     """Directions, such as "RZ", in which the element in `row` has stiffness on its diagonal at `node`.
 
-    `terms` are the properties of its set with their matrices.
+    They are in the order X to RZ. `terms` are the properties of its set with their matrices; only stiffnesses with a
+    value above 0 count.
     """
     axes = set()
     for term in terms:

@@ -97,9 +97,10 @@ class RigidLink:
         object.__setattr__(self, "directions", chosen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
-        """Equations of the dependent nodes: {dependent code: {code of the main node: coefficient}}, in the active directions.
+        """Equations of the dependent nodes: {dependent code: {code of the main node: coefficient}}.
 
-        `positions` in m; `active` are the directions in which nodes move.
+        A code is 6 times the label of a node plus 0 to 5 for X to RZ. `positions` in m; `active` are the directions in
+        which nodes move, of which those of the link, if it names some, count.
         """
         result: DofEquations = {}
         for node in self.dependents:
@@ -147,9 +148,10 @@ class Constraint:
         object.__setattr__(self, "depends_on", pairs)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
-        """Equation of the constraint with the signs of its degrees of freedom: {dependent code: {other code: coefficient}}.
+        """Equation of the constraint with the signs of its dofs: {dependent code: {other code: coefficient}}.
 
-        `positions` and `active` are not needed; repeated degrees of freedom are summed.
+        A code is 6 times the label of a node plus 0 to 5 for X to RZ. `positions` and `active` are not needed; repeated
+        degrees of freedom are summed.
         """
         dependent = self.dependent
         others: dict[int, float] = {}
@@ -230,7 +232,8 @@ class Base:
 def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> DofEquations:
     """All equations of `ties`: {dependent code: {code that it follows: coefficient}}.
 
-    `positions` of nodes in m; `active` are the directions in which nodes move.
+    A code is 6 times the label of a node plus 0 to 5 for X, Y, Z, RX, RY, RZ. `positions` of nodes in m; `active` are
+    the directions in which nodes move.
 
     Raises
     ------

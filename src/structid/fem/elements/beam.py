@@ -115,11 +115,11 @@ class BendingPlane:
 
     @property
     def stiffness(self) -> tuple[ElementMatrixTerm, ...]:
-        """Element matrices of bending for unit EI, reduced by the shear deformation where there is shear.
+        """Element matrices of bending in the plane for unit bending stiffness, reduced by the shear if there is any.
 
-        One term without shear, otherwise two. Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with
-        the stiffness EI / L, and one that grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a
-        shear force, whose compliance L / GA adds to L^3 / 12 EI.
+        One term without shear. Otherwise two, whose sum for rigid shear is Hermite's matrix: a uniform curvature theta2
+        - theta1 with the stiffness EI / L, and the part with a shear force, with 12 EI / L^3, whose compliance L^3 / 12
+        EI the shear raises by L / GA.
         """
         if self.shear[1] is None:
             return (self._matrix_term(hermite_stiffness(self.length)),)
@@ -130,9 +130,10 @@ class BendingPlane:
 
     @property
     def mass(self) -> tuple[ElementMatrixTerm, ...]:
-        """Consistent mass matrices for unit mass per length.
+        """Consistent mass matrices of bending in the plane for unit mass per length.
 
-        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio (`ShearRatio`).
+        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio: the part of bending in the
+        deflection by a shear force.
         """
         if self.shear[1] is None:
             return (self._matrix_term(hermite_mass(self.length)),)
@@ -143,9 +144,10 @@ class BendingPlane:
 
     @property
     def rotary_inertia(self) -> tuple[ElementMatrixTerm, ...]:
-        """Element matrices of the rotary inertia of the sections, for unit inertia per length.
+        """Element matrices of the rotary inertia of the sections about the plane's normal, for unit inertia per length.
 
-        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio (`ShearRatio`).
+        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio: the part of bending in the
+        deflection by a shear force.
         """
         x, one = _POINTS[:, None], np.ones(len(self.length))
         plain = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
@@ -158,7 +160,8 @@ class BendingPlane:
     def axial_force(self) -> tuple[ElementMatrixTerm, ...]:
         """Geometric stiffness for unit tension, consistent with the deflection: the integral of w' w'.
 
-        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio (`ShearRatio`).
+        One term without shear, otherwise one for each power 0, 1, 2 of the shear ratio: the part of bending in the
+        deflection by a shear force.
 
         References
         ----------
@@ -257,9 +260,10 @@ class Beam(ElementSet):
         return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices by property: mass, bending stiffness, and in a plane or where stated the others.
+        """Element matrices for a unit value of each property, by its name: mass, bending stiffness and those stated.
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        In a plane axial stiffness is among them, and mass acts along the beam too. `positions` are node coordinates in
+        m by label; `used_codes` (degrees of freedom of other elements) are not needed.
 
         Raises
         ------
@@ -337,7 +341,7 @@ class Bar(ElementSet):
         return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices of mass, axial stiffness and, if it is stated, axial force, by property.
+        """Element matrices for a unit value of mass, axial stiffness and, if stated, axial force, by property.
 
         `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
         needed. Raises `InputError` for an axial force of bars on a line.

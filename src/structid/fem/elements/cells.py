@@ -33,10 +33,11 @@ POISSON = "Poisson's ratio, known"
 
 
 def cell_table(cells: Mapping[int, str]) -> Store:
-    """A function that checks and stores node labels of cells as (n_cells, most nodes); rows of smaller cells end in -1.
+    """A function that checks and stores node labels of cells as (n_cells, most nodes).
 
-    `cells` maps allowed numbers of nodes to cell types. The function takes the name of the set, for errors, and the labels,
-    and raises `InputError` if they are no whole numbers or too many or few.
+    Rows of smaller cells end in -1, as they are given. `cells` maps allowed numbers of nodes to cell types. The
+    function takes the name of the set, for errors, and the labels, and raises `InputError` if they are no whole numbers
+    or too many or few.
     """
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:

@@ -57,10 +57,10 @@ class Connector(ElementSet):
         super().__post_init__()
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices d d' with d = +1 at the first end and -1 at the second, times the signs of their degrees of freedom.
+        """Element matrices d d' for a unit value of each property, with d = +1 at the first end and -1 at the second.
 
-        They are the same for all properties, (n_elements, 2, 2), or (n_elements, 1, 1) to the ground. Neither
-        `positions` nor `used_codes` have any influence.
+        These are times the signs of the degrees of freedom, the same for all properties by name: (n_elements, 2, 2), or
+        (n_elements, 1, 1) to the ground. The arguments have no influence.
         """
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
@@ -151,14 +151,14 @@ class Friction(Connector):
     )
 
     def sliding(self, receptance: np.ndarray) -> FloatArray:
-        """Smoothed sliding amplitude, (n_frequencies,), from measured receptances of the `measured_by` sensors.
+        """Smoothed sliding amplitude per unit of load, (n_frequencies,), from measured receptances of several sensors.
 
-        It is the size of their mean, averaged geometrically over `smoothing` lines, per unit of load.
+        It is the size of their mean, averaged geometrically over `smoothing` lines, fewer at the ends.
 
         Parameters
         ----------
         receptance : (n_frequencies, n_sensors) complex array
-            Signs of the sensors already removed.
+            Of the sensors `measured_by`, signs already removed.
         """
         size = np.log(np.maximum(np.abs(receptance.mean(axis=1)), np.finfo(float).tiny))
         window = np.ones(min(self.smoothing, len(size)))

@@ -70,9 +70,10 @@ class Plane(CellSet):
     formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices of density (mass) and Young's modulus (stiffness), by property.
+        """Element matrices by property for unit density (mass) and Young's modulus (stiffness), and unit thickness.
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
+        needed. Raises `InputError` if a cell is flat, folded or not parallel to the x-y plane.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         elasticity = plane_elasticity(self.poisson, self.state == "strain")

@@ -131,9 +131,9 @@ class Declared:
 
 
 def checked_tolerance(name: str, tolerance: float | Mapping[str, float]) -> float | Mapping[str, float]:
-    """The `tolerance` of the set `name` as a float, or as a dict by property, after a check.
+    """The `tolerance` of the set `name`, relative, as a float, or as a dict by property, after a check.
 
-    Raises `InputError` unless all of its numbers lie from 0 to 1.
+    Raises `InputError` unless all of its numbers lie from 0 (exact) to 1.
     """
     parts = tolerance if isinstance(tolerance, Mapping) else {"": tolerance}
     for key, part in parts.items():
@@ -397,15 +397,17 @@ class ElementSet:
         return {}
 
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
-        """The properties of the set, in the order of their declaration, each with the element matrices that it multiplies.
+        """The properties of the set, in the order of their declaration, each with the matrices that it multiplies.
 
-        Loss factor and thickness have no matrices. Optional properties that are not stated are left out.
+        Matrices are for a unit value of the property and the nominal thickness. Loss factor and thickness have none.
+        Optional properties that are not stated are left out.
 
         Parameters
         ----------
         positions : mapping of node label to position in m
         used_codes : (n,) int array
-            Codes of the degrees of freedom that the other elements use, but for those that follow others (masses, joints).
+            Codes (6 times the node plus 0 to 5 for X to RZ) of the degrees of freedom that the other elements use, but
+            for those that follow others (masses, joints).
         """
         made = {
             name: self._at_nominal_thickness(matrix_terms)
@@ -426,9 +428,10 @@ class ElementSet:
         return what.unit
 
     def codes(self, positions: NodeCoordinates) -> IntArray:
-        """Sorted codes (n_codes,) of the degrees of freedom that the set uses if no other elements are present; see `dof_code`.
+        """Sorted codes (n_codes,) of the degrees of freedom that the set uses if no other elements are present.
 
-        `positions` are node coordinates by label.
+        A code is 6 times the label of a node plus 0 to 5 for X, Y, Z, RX, RY, RZ. `positions` are node coordinates by
+        label.
         """
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
@@ -436,9 +439,9 @@ class ElementSet:
         return joined_codes([matrix_term.codes for term in terms for matrix_term in term.matrix_terms])
 
     def _at_nominal_thickness(self, matrix_terms: Sequence[ElementMatrixTerm]) -> tuple[ElementMatrixTerm, ...]:
-        """Copies of `matrix_terms` at the nominal thickness: each matrix times the power of the thickness that it goes with.
+        """Copies of `matrix_terms` at the nominal thickness: each matrix times the power of the thickness it goes with.
 
-        They are unchanged if none goes with a power of a thickness.
+        They are returned as they are if none goes with a power of a thickness.
         """
         if not any(matrix_term.power for matrix_term in matrix_terms):
             return tuple(matrix_terms)

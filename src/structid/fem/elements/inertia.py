@@ -50,10 +50,10 @@ class PointMass(ElementSet):
     )
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Diagonal 3 x 3 mass matrices, with ones in the translations in which the node moves and code -1 in the others.
+        """Diagonal 3 x 3 mass matrices for unit mass, with ones in the translations in which the node moves.
 
-        These are the `directions` if stated, else those in `used_codes`, which other elements use; a node without any has all
-        translations that `positions` (m) have coordinates for.
+        Rows without motion have the code -1. The translations are the `directions` if stated, else those in
+        `used_codes`, which other elements use; a node without any has all that `positions` (m) have coordinates for.
         """
         codes = node_codes(self.nodes, TRANSLATIONS)
         moves = np.isin(codes, used_codes)

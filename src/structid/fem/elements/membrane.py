@@ -87,9 +87,10 @@ class Membrane(CellSet):
     )
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices of the mass and of the tension, by property.
+        """Element matrices for unit mass per area and unit tension, by property, on the motions normal to the membrane.
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
+        needed. Raises `InputError` if a triangle has no area.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told

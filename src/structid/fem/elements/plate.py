@@ -121,11 +121,14 @@ class Plate(ThinSet):
 def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
     """Bending stiffness of thin plates for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
 
+    Rows are the motions (w, theta_x, theta_y) corner by corner.
+
     Parameters
     ----------
     name : str
         Name of the element set, for messages.
     nodes : (n_cells, n_corners) int array
+        Labels, for messages.
     corners : (n_cells, n_corners, 2) float array
         m.
     cell : {"triangle", "quad"}
@@ -179,7 +182,8 @@ def _curvatures(
 def _rotation_map(corners: FloatArray) -> FloatArray:
     """Map from (w, theta_x, theta_y) at corners to (beta_x, beta_y) at corners and mid-sides, (n_cells, 4 n, 3 n).
 
-    beta = -grad w without shear; theta_x = dw/dy = -beta_y and theta_y = -dw/dx = beta_x.
+    `corners` (n_cells, n, 2) are positions in m. beta = -grad w without shear; theta_x = dw/dy = -beta_y and theta_y =
+    -dw/dx = beta_x. Along a side w is cubic and beta across it linear.
     """
     n_cells, n, _ = corners.shape
     maps = np.zeros((n_cells, 2 * n, 2, n, 3))

@@ -75,7 +75,10 @@ class _Facets:
         return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
 
     def _links(self) -> FloatArray:
-        """Maps from motion at the nodes to motion of the corners in the facet plane, (n_cells, 6 n, 6 n), in facet axes."""
+        """Maps from motion at the nodes to motion of corners in the facet plane, (n_cells, 6 n, 6 n), in facet axes.
+
+        A node at a height above the plane is joined to its corner by a rigid link along the normal.
+        """
         n_cells, n = self.height.shape
         links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
         for k in range(n):
@@ -158,9 +161,11 @@ class Shell(ThinSet):
     )
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices by property: density for mass and rotary inertia, Young's modulus for stretching and bending.
+        """Element matrices by property, for unit density (mass, rotary inertia) and unit modulus (stretching, bending).
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        They are for unit thickness to the power that they go with, 1 or 3. `positions` are node coordinates in m by
+        label; `used_codes` (degrees of freedom of other elements) are not needed. Raises `InputError` if a facet has no
+        area or is far from flat.
         """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         elasticity = plane_elasticity(self.poisson, strain=False)
@@ -267,7 +272,9 @@ def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
 def drilling_stiffness(
     corners: FloatArray, elasticity: FloatArray, poisson: float, linear_strains: float = 1.0
 ) -> FloatArray:
-    """Stiffness for unit thickness on (u, v, rotation about the normal) at each corner, (n_cells, 3 n_corners, 3 n_corners).
+    """Stiffness for unit thickness on (u, v, rotation about the normal) at each corner, (n_cells, 3 n, 3 n).
+
+    n is the number of corners. A quadrilateral is the mean of its two divisions into triangles.
 
     Parameters
     ----------
@@ -276,7 +283,7 @@ def drilling_stiffness(
     elasticity : (3, 3) float array
         Plane stress from strain for unit modulus.
     poisson : float
-        Poisson's ratio; (1 - 4 poisson^2) / 2, but at least `_LEAST_HIGHER`, multiplies the stiffness against linear strains.
+        Poisson's ratio; (1 - 4 poisson^2) / 2, but at least 0.01, multiplies the stiffness against linear strains.
     linear_strains : float
         Further factor on that stiffness; 1 gives the element of the reference, exact for in-plane bending.
 
@@ -378,7 +385,7 @@ def _side(corners: FloatArray, k: int) -> FloatArray:
 
 
 def _strain_from_natural(corners: FloatArray) -> FloatArray:
-    """Map from elongations along the sides 12, 23, 31 to strains (xx, yy, engineering xy), (n_cells, 3, 3).
+    """Map from strains along the sides 12, 23, 31 to strains (xx, yy, engineering xy), (n_cells, 3, 3).
 
     `corners` (n_cells, 3, 2) are positions.
     """

@@ -80,7 +80,10 @@ class SolverModel(ElementSet):
     loss_factor: Values = declared("Structural damping of the stiffness", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:
-        """Derive the nodes from the degrees of freedom; raise `InputError` if a parameter has the name of a factor."""
+        """Derive the nodes from the degrees of freedom; raise `InputError` if a parameter has the name of a factor.
+
+        Those names are "mass", "damping", "stiffness" and "loss_factor".
+        """
         object.__setattr__(self, "nodes", locked(np.unique([d.node for d in self.dofs])[None, :], np.int64))
         super().__post_init__()
         reserved = {*_KINDS, "loss_factor"}
@@ -208,7 +211,7 @@ class FrfRuns:
     def _derivatives(self) -> ComplexArray:
         """Derivatives of the receptances by the parameters at the centre, (n_lines, n_outputs, n_inputs, n_params).
 
-        Each is the slope of the parabola through the centre and the two runs of the parameter.
+        Each is the slope of the parabola through the centre and the two runs with a changed value of the parameter.
         """
         derivatives = np.zeros((*self.centre.shape, len(self.changes)), dtype=np.complex128)
         for k, ((a, b), (run_a, run_b)) in enumerate(zip(self.changes, self.runs, strict=True)):

@@ -101,9 +101,10 @@ class SpaceBeam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
-        """Unit vectors of N, shear forces VY and VZ, torque T and moments MY and MZ on the motions X Y Z RX RY RZ of a node.
+        """Unit vectors of the internal forces N, VY, VZ, T, MY and MZ on the motions X Y Z RX RY RZ of a node.
 
-        They are (n_elements, 6) by the name of the force, in local axes; `positions` of nodes in m.
+        They are (n_elements, 6) by the name of the force: normal and shear forces, torque and moments in the local axes
+        of the beam. `positions` of nodes in m.
         """
         axes = _local_axes(self.name, element_vectors(self.name, self.nodes, positions)[1], self.orientation)
         wide = np.zeros((len(axes), 6, 6))
@@ -111,9 +112,11 @@ class SpaceBeam(ElementSet):
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices by property: mass, axial, torsional and bending stiffness, polar inertia, and where stated others.
+        """Element matrices for a unit value of each property, by name, on the six motions of both nodes.
 
-        `positions` of nodes in m, which must be in space, else `InputError`; `used_codes` are not needed.
+        These are mass, axial, torsional and bending stiffness, polar inertia, and where stated shear stiffness, rotary
+        inertia and axial force. `positions` of nodes in m, which must be in space, else `InputError`; `used_codes` are
+        not needed.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:
@@ -147,10 +150,10 @@ class SpaceBeam(ElementSet):
 
 
 def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
-    """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
+    """Local axes x, y, z as rows, (n_elements, 3, 3), from unit vectors `x` (n_elements, 3) along the beams.
 
     Local y is the part of `orientation` (3,) across the beam; by default (None) of global Y, or of global X for beams
-    nearly along Y. Raises `InputError`, which names the set, if `orientation` runs along a beam.
+    with a Y part above 0.99. Raises `InputError`, which names the set, if `orientation` runs along a beam.
     """
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)

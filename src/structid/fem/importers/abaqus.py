@@ -40,13 +40,15 @@ _USER_ELEMENT_REMEDY = "the file is cut short or damaged; write it again"
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the Abaqus file at `path`, or the stiffness and mass matrices of a file of user elements.
+    """The matrix in the Abaqus file at `path`, or stiffness and mass matrices of a file of user elements, as a list.
+
+    A matrix by node or element comes with the node and component of its rows.
 
     Raises
     ------
     FileError
-        If a line has another number of values than the first, or one that is no number, with the line; or if user elements lack
-        nodes, degrees of freedom or matrices of their size.
+        If a line has another number of values than the first, or one that is no number, with the line; or if user
+        elements lack nodes, degrees of freedom or matrices of their size.
     """
     content = path.read_bytes()
     upper = content.upper()
@@ -73,9 +75,10 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def _read_table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
-    """Numbers of all lines except comments and keywords, (n_lines, 3 to 6), and True if they are separated by commas.
+    """Numbers of all lines except comments and keywords, (n_lines, 3 to 6), and True if commas are in the first line.
 
-    `content` is the text of the file. Raises `FileError` for a line that differs from the first in length, or is no number.
+    `content` is the text of the file. Raises `FileError`, which names `path`, for a first line of another length, one
+    that differs from the first in length, or is no number.
     """
     if b"*" in content:
         lines = content.split(b"\n")
@@ -98,7 +101,10 @@ def _read_table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
 
 
 def _bad_line_error(path: Path, text: bytes, width: int) -> FileError:
-    """The error for the first line of `text` that does not have `width` numbers."""
+    """The error, with `path` and line number, for the first line of `text` that does not have `width` numbers.
+
+    Blank lines are good.
+    """
     lines = text.split(b"\n")
     number = next(i for i, line in enumerate(lines) if not _is_good(line, width))
     shown = lines[number].decode("latin-1").strip()[:60]
@@ -114,7 +120,7 @@ def _is_good(line: bytes, width: int) -> bool:
 
 
 def _require_whole(path: Path, labels: FloatArray) -> None:
-    """Raise `FileError` unless all labels, (n_entries, n_labels), are whole numbers."""
+    """Raise `FileError`, which names `path`, unless all labels, (n_entries, n_labels), are whole numbers below 2^50."""
     bad = ~((labels == np.round(labels)) & (abs(labels) < 2**50)).all(axis=1)
     if bad.any():
         entry = int(np.argmax(bad))
@@ -159,9 +165,10 @@ def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
 
 
 def _matrix_of_elements(name: str, table: FloatArray) -> ImportedMatrix:
-    """The assembled matrix `name`, with the entries of each element (both triangles), from rows of a file.
+    """The assembled matrix `name` with the entries of each element, both triangles, from rows of a file.
 
-    `table` (n_entries, 6) has element, node and component of the row, node and component of the column, and value.
+    `table` (n_entries, 6) has element, node and component of the row, node and component of the column, and value. A
+    missing triangle is added. Rows are all nodes and components in it, sorted.
     """
     labels = table[:, 1:5].astype(np.int64)
     element, value = table[:, 0].astype(np.int64), table[:, 5]
@@ -269,10 +276,10 @@ def _read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
 
 
 def _read_elements(path: Path, content: bytes) -> list[_Element]:
-    """Every element matrix in `content` with its nodes and degrees of freedom; an element with two matrices comes twice.
+    """Every element matrix in `content` with its nodes and degrees of freedom; one with two matrices comes twice.
 
-    `content` is the file in upper case. Elements are counted from 1 if none has a number in comments. Raises `FileError` if only
-    some have.
+    `content` is the file in upper case, `path` its name for errors. Elements are counted from 1 if none has a number in
+    comments. Raises `FileError` if only some have, or a line cannot be read.
     """
     elements: list[_Element] = []
     label, n_elements, n_numbered, nodes_follow = 0, 0, 0, False
@@ -329,7 +336,7 @@ def _with_kind(path: Path, number: int, line: bytes, current: _Element | None) -
 
 
 def _whole_numbers(path: Path, number: int, line: bytes) -> list[int]:
-    """The whole numbers in a line; `FileError` with its `number` if there is something else."""
+    """The whole numbers in a line of degrees of freedom; `FileError` with its `number` if there is something else."""
     try:
         return [int(word) for word in line.replace(b",", b" ").split()]
     except ValueError:

@@ -38,7 +38,9 @@ _MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the file at `path`; from a MAT file every numeric matrix, named as its variable.
+    """The matrix in the file at `path`, as a list; from a MAT file every numeric matrix, named as its variable.
+
+    Others are named as the file in capitals. Rows have no numbering.
 
     Raises
     ------
@@ -122,9 +124,9 @@ _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
 
 
 def write(path: Path, matrices: Sequence[ImportedMatrix], called: Path | None = None) -> None:
-    """Write matrices as NPZ, MatrixMarket (17 digits), NPY (one matrix) or MAT, by the suffix.
+    """Write matrices to `path` as NPZ, MatrixMarket (17 digits), NPY (one matrix each) or MAT, by the suffix.
 
-    `called` is the path in errors.
+    `called` is the path in errors, by default `path`. Node and component of rows are not written.
 
     Raises
     ------
@@ -177,9 +179,10 @@ class _WordTable(NamedTuple):
         return self._numbers(word, "a finite number", real_numbers)
 
     def _numbers(self, word, wanted, convert):  # type: ignore[no-untyped-def]
-        """Numbers (n_lines,) in the column `word` of the table, by `convert`.
+        """Numbers (n_lines,) in the column with index `word` of the table, made of the texts by `convert`.
 
-        Raises `FileError`, with the line, for the first word that is not what `wanted` says.
+        Raises `FileError`, with the line, for the first word that is not what `wanted` says, such as "a whole number",
+        or not finite.
         """
         start, end = self.start[:, word], self.end[:, word]
         width = int((end - start).max(initial=1))

@@ -125,7 +125,7 @@ class BulkLines:
         )
 
     def location(self, line: int) -> str:
-        """File and line number, as text, of the line with index `line`."""
+        """File and line number, as text, of the line with index `line`; of an included file if the line is of one."""
         number = int(self.number[line])
         if self.origins is None:
             return f"{self.path}, line {number}"
@@ -174,7 +174,10 @@ def bulk_lines(
 
 
 def _split_lines(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
-    """The bytes of `content`, first and last byte (exclusive) of each line without its comment, and line numbers from 1."""
+    """The bytes of `content`, first and last byte (exclusive) of each line without its comment, and line numbers.
+
+    Numbers count from 1. All but the bytes are (n_lines,). A comment begins with $.
+    """
     buffer = np.frombuffer(content, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
     if not len(ends) or ends[-1] != len(buffer) - 1:
@@ -231,7 +234,7 @@ def _widen_line(line: bytes, whole: bool) -> list[bytes]:
 
 
 def _fit_field(value: bytes) -> bytes:
-    """The field `value` in at most `_WIDE` characters; a longer number is rounded to the digits of a float, other text is cut."""
+    """The field `value` in at most `_WIDE` characters: a longer number rounded to a float's digits, other text cut."""
     if len(value) <= _WIDE:
         return value
     try:

@@ -115,7 +115,7 @@ def require_total_mass(total: float, declared: float, left_aside: str = "") -> N
 
 
 def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_unit: str = "N") -> sparse.csc_array:
-    """A mass, damping or stiffness matrix in SI units, translations and rotations alike.
+    """A mass, damping or stiffness matrix in SI units, sparse (n, n), from one in other units of length and force.
 
     Energies scale with F L: D K D with D = sqrt(F/L) at translations and sqrt(F L) at rotations. In mm and N masses are
     in tonnes, in mm and mN in kg, in in and lbf in lbf s^2/in, in ft and lbf in slugs.
@@ -124,6 +124,7 @@ def in_si(matrix: Any, dofs: Sequence[str | Dof], length_unit: str = "m", force_
     ----------
     matrix : (n, n) sparse or dense array
     dofs : n degrees of freedom
+        Degree of freedom of each row.
     length_unit, force_unit : str
         Units of `structid.core.units`, such as ``mm`` and ``N``; time is always in seconds.
 
@@ -242,7 +243,8 @@ def _matrix_difference(name: str, base: Any, changed: Any, digits: int) -> spars
 def _power_hint(first: sparse.csc_array, second: sparse.csc_array, factor: float, third_factor: float) -> str:
     """A sentence that names the power of p which explains two differences of exports, or says that none does.
 
-    `first` and `second` are the changes by `factor` and by `third_factor` times p.
+    `first` and `second` are the changes of a matrix by `factor` and by `third_factor` times p. Powers from -4 to 4.5
+    are tried; the two changes must be proportional to 1e-6, and the power right to 1e-4.
     """
     ratio = float((first.multiply(second)).sum() / first.multiply(first).sum())
     same_shape = norm(second - ratio * first) < 1e-6 * norm(second)
@@ -304,9 +306,9 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
 
 
 def _count_negative_pivots(matrix: sparse.csc_array) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, by L D L'.
+    """Number of negative eigenvalues of a symmetric `matrix`, by the signs of the pivots of L D L'.
 
-    At least 1 if a diagonal pivot vanishes; 1 if the matrix is singular.
+    At least 1 if pivots off the diagonal had to be taken; 1 if the matrix is singular.
     """
     try:
         factors = splu(matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -44,7 +44,8 @@ class _Header(NamedTuple):
 def read(path: Path) -> list[ImportedMatrix]:
     """Every DMIG matrix in the Nastran file at `path`, in the order of their headers; other cards are passed over.
 
-    Small, large and free field; comments, blank lines, continuations, exponents written ``D`` or left out.
+    Small, large and free field; comments, blank lines, continuations, exponents written ``D`` or left out. Rows have
+    node and component; symmetric matrices are complete.
 
     Raises
     ------
@@ -85,10 +86,10 @@ def _select_entries(entries: _Entries, keep: np.ndarray) -> _Entries:
 
 
 def _read_headers(lines: BulkLines, line_indices: IntArray, names: np.ndarray) -> dict[str, _Header]:
-    """The header of each DMIG matrix by its name, in order.
+    """The header (form, type, polar flag, number of columns) of each DMIG matrix by its name, in order.
 
-    `line_indices` are the header lines, `names` their matrices. Raises `FileError` for a second header, or an unknown form or
-    type.
+    `line_indices` are the header lines, `names` their matrices. Raises `FileError` for a second header, or an unknown
+    form or type.
     """
     headers: dict[str, _Header] = {}
     for line, name in zip(line_indices.tolist(), names.tolist(), strict=True):
@@ -163,10 +164,10 @@ def _read_entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
 def _make_matrix(
     lines: BulkLines, header: _Header, entries: _Entries, node: IntArray, component: IntArray
 ) -> ImportedMatrix:
-    """The matrix of one header from its entries.
+    """The matrix of one header from its entries, rows and columns sorted by node and component.
 
-    `node` and `component` are those of the column, by the line on which its card begins. Raises `FileError` if there are no
-    entries, one is not possible or comes twice, or a symmetric matrix is not symmetric.
+    `node` and `component` are those of the column, by the index of the line on which its card begins. Raises
+    `FileError` if there are no entries, one is not possible or comes twice, or a symmetric matrix is not symmetric.
     """
     if not len(entries.line):
         raise FileError(
@@ -204,9 +205,10 @@ def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
 
 
 def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: IntArray, columns: IntArray) -> None:
-    """Raise `FileError` if an entry of the matrix comes twice.
+    """Raise `FileError`, with both lines, if an entry of the matrix comes twice.
 
-    `rows` and `columns` (n_entries, 2) are node and component of the row and column of each entry.
+    `rows` and `columns` (n_entries, 2) are node and component of the row and column of each entry; `lines`, `header`
+    and `entries` give the words of the message.
     """
     order = np.lexsort((codes_of(rows), codes_of(columns)))
     is_repeated = (np.diff(codes_of(rows)[order]) == 0) & (np.diff(codes_of(columns)[order]) == 0)

@@ -49,7 +49,7 @@ def real_numbers(fields: Bytes) -> FloatArray:
     Raises
     ------
     FieldError
-        At the first field that is no number.
+        At the first field that is no number, with its index and text.
     """
     if not len(fields):
         return np.zeros(0)
@@ -106,7 +106,7 @@ def whole_numbers(fields: Bytes) -> IntArray:
     Raises
     ------
     FieldError
-        At the first field that is no whole number.
+        At the first field that is no whole number, or too large a one, with its index and text.
     """
     value = np.zeros(len(fields), dtype=np.int64)
     negative = np.zeros(len(fields), dtype=bool)

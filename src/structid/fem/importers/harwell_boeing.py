@@ -27,12 +27,12 @@ _REMEDY = "the file is cut short or of another form; write it again (HBMAT with 
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the Harwell-Boeing or Rutherford-Boeing file at `path`.
+    """The matrix in the Harwell-Boeing or Rutherford-Boeing file at `path`, as a list of one without numbering of rows.
 
     Raises
     ------
     FileError
-        If the file is cut short, binary, in elements, or a pattern without values.
+        If the file is cut short, binary, in elements, skew or Hermitian, or a pattern without values.
     """
     lines = path.read_bytes().replace(b"\r\n", b"\n").split(b"\n")
     try:
@@ -91,8 +91,8 @@ def _read_block(
 ) -> tuple[np.ndarray, int]:
     """Numbers (count,) from line index `first` on in a Fortran format, and the index of the line behind them.
 
-    `form` has the parts of the format: numbers a line, letter and width. `convert` turns a table of text fields into numbers.
-    Raises `ValueError` if there are fewer numbers, `FileError` for a field that is none.
+    `form` has the parts of the format: numbers a line, letter and width. `convert` turns a table of text fields (n,
+    width) into numbers. Raises `ValueError` if there are fewer numbers, `FileError` for a field that is none.
     """
     per_line, width = int(form[0] or b"1"), int(form[2])
     stop = first + -(-count // per_line)

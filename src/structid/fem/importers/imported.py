@@ -91,6 +91,8 @@ class ImportedMatrix:
 def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMatrix:
     """The matrix of some `elements` (labels) only, summed, on the degrees of freedom of the whole matrix `imported`.
 
+    Repeated labels count once.
+
     Raises
     ------
     InputError
@@ -169,7 +171,7 @@ def tables_of(codes: IntArray) -> IntArray:
 
 
 def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
-    """The matrix with rows and columns in the order of `table`, (n, n), zero where it has no entries.
+    """The matrix with rows and columns in the order of `table`, sparse (n, n), zero where it has no entries.
 
     `table` (n, 2) has node and component (1 to 6) of each row.
 

@@ -137,7 +137,10 @@ def read_matrix(path: str | Path, name: str | None = None) -> ImportedMatrix:
 
 
 def write_op4(path: str | Path, matrices: Iterable[ImportedMatrix], options: Op4Options | None = None) -> None:
-    """Write `matrices` to `path` as a Nastran OUTPUT4 file, whole or not at all; all digits unless the options say `single`.
+    """Write `matrices` to `path` as a Nastran OUTPUT4 file, whole or not at all.
+
+    `options` choose text or binary, layout and digits; None takes their defaults. All digits are kept unless they say
+    `single`.
 
     Raises
     ------
@@ -151,15 +154,19 @@ def write_op4(path: str | Path, matrices: Iterable[ImportedMatrix], options: Op4
 
 
 def write_dmig(path: str | Path, matrices: Iterable[ImportedMatrix], field: Field = "large") -> None:
-    """Write `matrices`, which need `dofs`, as DMIG cards, whole or not at all.
+    """Write `matrices`, which need node and component of their rows (`dofs`), as DMIG cards, whole or not at all.
 
     Parameters
     ----------
+    path : str or Path
+    matrices : iterable of ImportedMatrix
     field : {"large", "small", "free"}
         Twelve digits of positive numbers (eleven of negative ones, one less beyond 1e10), four or five, or all of them.
 
     Raises
     ------
+    InputError
+        If `field` is none of these.
     FileError
         If a name does not fit the format, numbering is missing, or the file cannot be written.
     """

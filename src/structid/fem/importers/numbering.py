@@ -58,7 +58,10 @@ def write_numbering(path: Path, table: IntArray) -> None:
 
 
 def _read_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
-    """Degrees of freedom named by the words of the lines (number, text), in order; `FileError` for another word."""
+    """Degrees of freedom named by the words of `lines` (number, text), in order; `FileError` for another word.
+
+    Words are such as ``12Z``, between blanks or commas. `path` is for errors.
+    """
     dofs = []
     for number, line in lines:
         for word in line.replace(",", " ").split():
@@ -70,7 +73,10 @@ def _read_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
 
 
 def _read_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
-    """Degrees of freedom in the lines (number, text) of an Ansys mapping file; lines before the first are passed over."""
+    """Degrees of freedom in `lines` (number, text) of an Ansys mapping file; lines before the first are passed over.
+
+    A line is equation, node and UX to ROTZ; raises `FileError`, which names `path`, for another one after the first.
+    """
     dofs = []
     for number, line in lines:
         match = _MAPPING.match(line)
@@ -85,7 +91,11 @@ def _read_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
 
 
 def _read_nastran_sets(path: Path) -> tuple[Dof, ...]:
-    """Degrees of freedom on EXTRN cards in their order; without such cards those of ASET and the like, sorted, each once."""
+    """Degrees of freedom on EXTRN cards of the file at `path`, in their order.
+
+    Without such cards those of ASET, BSET, CSET, QSET and their lists, sorted by node and component, each once. Raises
+    `FileError` for a card that cannot be read.
+    """
     ordered = _read_pairs(bulk_lines(path, ("EXTRN",)))
     if ordered:
         return dofs_of(np.array(_single(ordered)))

@@ -55,13 +55,13 @@ def read(path: Path) -> list[ImportedMatrix]:
 
 
 def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Options) -> bytes:
-    """Content of an OUTPUT4 file of `matrices` in the format of `options`; `path` is for errors.
+    """Content of an OUTPUT4 file of `matrices` in the format of `options`: text or binary; `path` is for errors.
 
     Raises
     ------
     FileError
-        If a name is empty, longer than eight characters, not ASCII or has a blank, a matrix has too many rows for the layout,
-        or an entry is not finite.
+        If a name is empty, longer than eight characters, not ASCII or has a blank, a matrix has too many rows for the
+        layout, or an entry is not finite.
     """
     parts = []
     for item in matrices:
@@ -71,7 +71,7 @@ def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Optio
 
 
 def _make_strings(path: Path, item: ImportedMatrix, options: Op4Options) -> _Strings:
-    """The matrix `item` as strings of OUTPUT4, in the layout and precision of `options`.
+    """The matrix `item` as strings of OUTPUT4, runs of entries in a column, in the layout and precision of `options`.
 
     Raises `FileError`, which names `path`, if its name, size or values do not fit the format.
     """
@@ -275,7 +275,7 @@ def _numbers(view: NDArray[np.uint32], offsets: IntArray, words: int, kind: _Wor
 
 
 def _encode_binary(strings: _Strings, options: Op4Options) -> bytes:
-    """Bytes of a matrix as records of a binary OUTPUT4 file: header, a record for each column with entries, and the last one.
+    """Bytes of a matrix as records of a binary OUTPUT4 file: header, one for each column with entries, a last one.
 
     `strings` are its entries; `options` give byte order, word size and precision.
     """

@@ -66,7 +66,7 @@ class _Reader:
     """Parts, instances and the assembly of a file, one keyword after another."""
 
     def __init__(self, path: Path) -> None:
-        """A reader of the input file at `path` that has read nothing yet."""
+        """A reader of the input file at `path` that has read nothing yet: no parts, an empty assembly."""
         self._path = path
         self._root, self._parts = PartData(), dict[str, PartData]()
         self._assembly = Assembly([])
@@ -96,7 +96,7 @@ class _Reader:
     def _take_keyword(self, block: KeywordBlock) -> None:
         """Take up a keyword: enter or leave a part, an instance or the assembly, or add its data to the current one.
 
-        Raises `ValueError` or `KeyError` if its lines cannot be read.
+        The state of the reader changes. Raises `ValueError` or `KeyError` if the lines of the keyword cannot be read.
         """
         assembly_part, name = self._assembly.own, block.options.get("NAME", "")
         if block.keyword == "PART":
@@ -116,9 +116,10 @@ class _Reader:
             self._scope.take(block, _node_counts(block))
 
     def _begin_instance(self, block: KeywordBlock, name: str) -> None:
-        """Enter an instance called `name`, with a copy of the mesh of its part; its data lines are kept for `PartData.move`.
+        """Enter an instance called `name`, with a copy of the mesh of the part that the keyword `block` names.
 
-        Raises `ValueError` if it is imported, or its part has not been read.
+        Its data lines, which say where it stands, are applied at its end. Raises `ValueError` if it is imported, or its
+        part has not been read.
         """
         if "LIBRARY" in block.options or "INSTANCE" in block.options:
             raise ValueError("it is imported from another analysis; write its mesh into the file")
@@ -131,10 +132,10 @@ class _Reader:
         self._owners[name.upper()] = part or name
 
     def _finish(self) -> Assembly:
-        """The assembly when all keywords were read, with its labels numbered.
+        """The assembly when all keywords were read, with the labels of its instances shifted where they repeat.
 
-        A flat file, or parts without instances, become a single unnamed instance. Raises `FileError` if nodes repeat between
-        parts without instances, or there are no nodes or elements.
+        A flat file, or parts without instances, become a single unnamed instance. Raises `FileError` if nodes repeat
+        between parts without instances, or there are no nodes or elements.
         """
         if not self._assembly.scopes:
             for part in self._parts.values():
@@ -174,9 +175,10 @@ def _kind(name: str) -> tuple[str, int]:
 
 
 def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
-    """The mesh of an assembly: nodes, cells, groups, other parts and displacement axes, in SI units.
+    """The mesh of an assembly: nodes, cells, groups, parts beside the cells and displacement axes, in SI units.
 
-    Raises `FileError`, which names `path`, if nodes of an element cannot be read.
+    `units` are those of the file. Raises `FileError`, which names `path`, if nodes of an element or a *TRANSFORM cannot
+    be read.
     """
     tables: dict[tuple[str, int, bool], dict[int, list[int]]] = {}
     for scope in assembly.all_scopes:
@@ -270,10 +272,11 @@ def _node_groups(assembly: Assembly) -> dict[str, IntArray]:
 
 
 def _members_of_sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
-    """Labels in the mesh of the members of each set, by its name: node sets if `is_nodes`, else element sets.
+    """Labels in the mesh of the members of each set of an assembly, by name: node sets if `is_nodes`, or of elements.
 
-    A set of an instance is called INSTANCE.SET where there are several instances or the assembly has a set of that name (of a
-    single instance PART.SET too). The bare name is then the set of the assembly, or that of all instances together.
+    A set of an instance is called INSTANCE.SET where there are several instances or the assembly has a set of that name
+    (of a single instance PART.SET too). The bare name is then the set of the assembly, or that of all instances
+    together.
     """
     shared = assembly.node_sets if is_nodes else assembly.cell_sets
     sets: dict[str, set[int]] = {}
@@ -376,9 +379,11 @@ class _SectionOffsets:
         return [*parts, *([DeckPart("BEAM CENTROID", count, obstacle="move the nodes")] if count else [])]
 
     def _offsets(self, scope: PartData, block: KeywordBlock) -> list[CellOffsets]:
-        """The offsets of the cells of one section block, one `CellOffsets` for each cell block that has some of them.
+        """The offsets of the cells of one section block, one `CellOffsets` for each block of cells that has some.
 
-        Raises `ValueError` if there is no such element set, its cells cannot have offsets, or the offsets cannot be read.
+        Each has the index of the cell block, the rows of the cells, and arms in m from the nodes to where the cell
+        lies, (n_cells, n_nodes, 3). `scope` is the part or assembly in which the section stands. Raises `ValueError` if
+        there is no such element set, its cells cannot have offsets, or the offsets cannot be read.
         """
         members = self._members(scope, block.options.get("ELSET", ""))
         chosen = []
@@ -395,7 +400,11 @@ class _SectionOffsets:
         return [self._beam_offsets(scope, block, index, rows) for index, rows in chosen]
 
     def _members(self, scope: PartData, name: str) -> set[int]:
-        """Labels in the mesh of the elements of the set `name` in a scope; raises `ValueError` if there are none."""
+        """Labels in the mesh of the elements of the set `name`; raises `ValueError` if there are none.
+
+        `scope` is the part or assembly in which the name is looked up; one of the assembly may hold elements of several
+        instances.
+        """
         key, labels = name.upper(), set[int]()
         by_owner = self._assembly.cell_sets.get(key, {}) if scope is self._assembly.own else {}
         for owner, members in by_owner.items():
@@ -406,10 +415,11 @@ class _SectionOffsets:
         return labels
 
     def _shell_offsets(self, block: KeywordBlock, chosen: Sequence[tuple[int, IntArray]]) -> list[CellOffsets]:
-        """Offsets in m of shells whose nodes lie on a surface some thicknesses above their middle.
+        """Offsets in m of shells whose nodes lie on a surface some thicknesses above their middle, for each cell block.
 
-        They run along the mean normal at each node, or along the cell's where normals there differ too much. `chosen` are cell
-        blocks, by index, with the rows of the section; `block` is the keyword of the section, with the option OFFSET.
+        Arms lead from the nodes to the middle, along the mean normal at each node, or along the cell's where normals
+        there differ too much. `chosen` are cell blocks, by index, with the rows of the section; `block` is the keyword
+        of the section, with the option OFFSET. Raises `ValueError` if the offset or the thickness cannot be read.
         """
         part, thickness = _offset_in_thicknesses(block.options["OFFSET"]), self._length * _thickness(block)
         corners = [self._corners(index, rows) for index, rows in chosen]

@@ -54,10 +54,10 @@ class PartData:
     overlong: set[str] = field(default_factory=set)
 
     def take(self, block: KeywordBlock, counts: Mapping[str, int]) -> None:
-        """Take up a keyword with its data lines: nodes, elements, a set or a system; others are kept in `blocks`.
+        """Take up a keyword with its data lines: nodes, elements, a set or a system; others are stored in `blocks`.
 
-        `counts` maps element types whose data fill several lines to their numbers of nodes. Raises `ValueError` or `KeyError`
-        if labels repeat, a set is not there, or a line cannot be read.
+        `counts` maps element types whose data fill several lines to their numbers of nodes. Raises `ValueError` or
+        `KeyError` if labels repeat, a set is not there, or a line cannot be read.
         """
         options, rows = block.options, block.rows
         if block.keyword == "NODE":
@@ -118,9 +118,10 @@ class PartData:
         return sets.setdefault(name.upper(), set())
 
     def members(self, row: list[str], generate: bool, sets: Sets) -> set[int]:
-        """Labels on a data line `row` of a set: numbers and names of other `sets`, or first, last and step if `generate`.
+        """Labels on a data line of a set: numbers and members of other `sets`, or first, last and step if `generate`.
 
-        Raises `ValueError` if a named set is not there, or a range has too many members.
+        `row` are the words of the line; a step that is not given is 1, and the last label counts. Raises `ValueError`
+        if a named set is not there, or a range has too many members.
         """
         if generate:
             first, last, step = ([int(word) for word in row if word] + [1])[:3]
@@ -286,9 +287,10 @@ class Assembly:
         return [*self.scopes, *([self.own] if self.own is not None else [])]
 
     def number(self) -> None:
-        """Set the shift of the labels of each instance and of the assembly itself, in `shifts`.
+        """Set the shift of the labels of each instance and of the assembly itself, in `shifts` by name in capitals.
 
-        It is 0 if no node or element label repeats those before, else the index of the instance times a power of ten.
+        It is 0 if no node or element label repeats those before, else the index of the instance times the power of ten
+        above the highest label.
         """
         labels = [_labels(scope) for scope in self.all_scopes]
         highest = max((max(pair[k], default=0) for pair in labels for k in (0, 1)), default=0)
@@ -302,7 +304,7 @@ class Assembly:
                 labels_used.update(label + shift for label in new)
 
     def scope(self, name: str) -> PartData:
-        """The instance called `name`, in upper or lower case; raises `ValueError` if there is none."""
+        """The instance called `name`, in any case of its letters; raises `ValueError` if there is none."""
         for scope in self.scopes:
             if scope.name.upper() == name.upper():
                 return scope
@@ -317,7 +319,9 @@ class Assembly:
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
     def nodes(self, scope: PartData, word: str) -> list[int]:
-        """Labels in the mesh, sorted, of the node or node set called `word` in a scope: ``12``, ``TOP``, ``PART-1.TOP``.
+        """Labels in the mesh, sorted, of the node or node set called `word`: ``12``, ``TOP``, ``PART-1.TOP``.
+
+        Names are looked up in `scope`, a part, an instance or the assembly, unless `word` names the instance.
 
         Raises
         ------
@@ -338,10 +342,10 @@ class Assembly:
         return sorted(label + self.shift(holder) for label in holder.node_sets[name])
 
     def take_set(self, block: KeywordBlock) -> None:
-        """Add the members of a *NSET or *ELSET block of the assembly to its sets.
+        """Add the members of a *NSET or *ELSET block of the assembly to its sets, by the instance that they belong to.
 
-        They are labels or sets of one instance (option INSTANCE), or of the assembly, or INSTANCE.LABEL and INSTANCE.SET.
-        Raises `ValueError` if a named set or instance is not there.
+        They are labels or sets of one instance (option INSTANCE), or of the assembly, or INSTANCE.LABEL and
+        INSTANCE.SET. Raises `ValueError` if a named set or instance is not there.
         """
         assert self.own is not None
         is_nodes = block.keyword == "NSET"

@@ -71,10 +71,10 @@ def keyword_options(words: list[str]) -> dict[str, str]:
 
 
 def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
-    """Line number and text of each line that is no comment or blank; continued keyword lines are joined.
+    """Yield line number and text of each line that is no comment or blank; continued keyword lines are joined.
 
-    Lines of included files come in place. `root` is the folder of the job; `depth` counts nested includes, and `FileError` is
-    raised above 20.
+    The number is that of the first line. Lines of the file at `path` come with those of included files in place. `root`
+    is the folder of the job; `depth` counts nested includes, and `FileError` is raised above 20.
     """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
@@ -100,10 +100,10 @@ def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]
 def _included_lines(
     path: Path, root: Path, number: int, options: dict[str, str], depth: int
 ) -> Iterator[tuple[int, str]]:
-    """Line number and text of each line of an included file, looked for in the job's folder, then the including file's.
+    """Yield line number and text of each line of an included file, looked for in the job's folder, then beside `path`.
 
-    `root` is the folder of the job, `path` the including file, and `number` the line of the keyword with these `options`;
-    `depth` counts nested includes. Raises `FileError` if the file cannot be read.
+    `root` is the folder of the job, `path` the including file, and `number` the line of the keyword with these
+    `options`; `depth` counts nested includes. Raises `FileError` if the file cannot be read.
     """
     name = options.get("INPUT", "").replace("\\", "/")
     try:

@@ -114,7 +114,7 @@ class _AssemblyContext:
         )
 
     def blocks(self, *keywords: str) -> Iterator[tuple[PartData, KeywordBlock]]:
-        """Every block with one of the `keywords`, with the scope that it stands in."""
+        """Yield every block with one of the `keywords`, with the part, instance or assembly that it stands in."""
         for scope in self.assembly.all_scopes:
             for block in scope.blocks:
                 if block.keyword in keywords:
@@ -123,9 +123,10 @@ class _AssemblyContext:
     def read(
         self, keyword: str, reader: Callable[[_AssemblyContext, PartData, KeywordBlock], ObstaclesAndParts]
     ) -> list[DeckPart]:
-        """Deck parts that `reader` makes of the blocks of a keyword: one for all that can be taken, one for each obstacle.
+        """Deck parts made of the blocks of a keyword: one of all that can be taken, one for each obstacle.
 
-        Blocks that cannot be read count as parts with that obstacle.
+        `reader` returns pairs (obstacle, part) of a block in its scope; the obstacle is "" if there is none. Blocks
+        that cannot be read count as parts with that obstacle.
         """
         items: ObstaclesAndParts = []
         for scope, block in self.blocks(keyword):
@@ -136,9 +137,9 @@ class _AssemblyContext:
         return split_by_obstacle(keyword, items)
 
     def elements_of(self, scope: PartData, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
-        """Type and node labels of each element in the set `name` of a scope that is of one of the types `kinds`.
+        """Type and node labels in the mesh of each element in the set `name` that is of one of the types `kinds`.
 
-        Raises `ValueError` if there is no such set.
+        The set is looked up in `scope`, a part, an instance or the assembly. Raises `ValueError` if there is none.
         """
         is_assembly = scope is self.assembly.own
         by_owner = self.assembly.cell_sets.get(name.upper(), {}) if is_assembly else {}
@@ -158,9 +159,10 @@ class _AssemblyContext:
 
 
 def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
-    """Directions of motion (3, 3), as rows, of each node that a *TRANSFORM turns, by label.
+    """Directions of motion (3, 3), as rows in global axes, of each node that a *TRANSFORM turns, by label.
 
-    Nodes whose directions are the global ones are left out. `positions` are those of all nodes by label.
+    Nodes whose directions are the global ones are left out. `positions` are those of all nodes by label, `path` is for
+    errors.
 
     Raises
     ------
@@ -214,10 +216,11 @@ def read_parts(
     units: DeckUnits,
     surfaces: Surfaces,
 ) -> list[DeckPart]:
-    """The parts of an input file beside its cells: those that structid has elements for, and others with the obstacle.
+    """The parts of an input file beside its cells: masses, springs, ties and the like, and others with an obstacle.
 
-    `positions` (m) and `axes` (displacement axes, those that differ from the global ones) are by node label; `units` are
-    those of the file. Blocks that cannot be read become parts with that obstacle.
+    An obstacle says why a part cannot be taken. `positions` (m) and `axes` (displacement axes (3, 3), those that differ
+    from the global ones) are by node label; `units` are those of the file, `surfaces` its surfaces. Blocks that cannot
+    be read become parts with that obstacle.
     """
     deck = _AssemblyContext(path, assembly, positions, axes, units, surfaces)
     parts = [
@@ -245,7 +248,11 @@ def read_parts(
 
 
 def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of a *MASS block, each with its obstacle ("" if none): one point mass for each element of its set."""
+    """Pairs (obstacle, part) of a *MASS block: one point mass in kg for each element of its set.
+
+    The obstacle is "" unless the mass differs by direction. Names are looked up in `scope`, where the block stands.
+    Raises `ValueError` if there is no such set.
+    """
     name = block.options.get("ELSET", "")
     values = [float(word) for word in block.rows[0] if word]
     mass = deck.units.mass * values[0]
@@ -256,7 +263,11 @@ def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBl
 
 
 def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of a *ROTARY INERTIA block, each with its obstacle ("" if none): one for each element, turned with the instance."""
+    """Pairs (obstacle, part) of a *ROTARY INERTIA block: one for each element of its set, turned with the instance.
+
+    The obstacle is "" unless an orientation is given. Values are xx, yy, zz, xy, xz, yz, those left out 0. Names are
+    looked up in `scope`, where the block stands. Raises `ValueError` if there is no such set.
+    """
     name = block.options.get("ELSET", "")
     values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
     xx, yy, zz, xy, xz, yz = [*values, *[0.0] * 6][:6]
@@ -269,10 +280,11 @@ def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: Keywor
 
 
 def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of a *SPRING or *DASHPOT block, each with its obstacle ("" if none): one for each element of its set.
+    """Pairs (obstacle, part) of a *SPRING or *DASHPOT block: one for each element of its set.
 
-    Types ending in 1 act between a node and the ground, in 2 between two degrees of freedom, in A along the line of two
-    nodes.
+    The obstacle is "" if there is none. Types ending in 1 act between a node and the ground, in 2 between two degrees
+    of freedom, in A along the line of two nodes. Names are looked up in `scope`, where the block stands. Raises
+    `ValueError` if there is no such set.
     """
     name = block.options.get("ELSET", "")
     rows = [row for row in block.rows if any(row)]
@@ -295,9 +307,11 @@ def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) 
 def _spring_weights(
     deck: _AssemblyContext, scope: PartData, kind: str, nodes: Sequence[int], row: Sequence[str]
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
-    """Weights by (node, direction) of the displacements that a spring acts on, an obstacle ("" if none), True if rotational.
+    """Weights by (node, direction) of the displacements that a spring acts on, an obstacle, and True if rotational.
 
-    `kind` is the element type of the spring, `nodes` are its nodes, and `row` is the data line with its degrees of freedom.
+    The obstacle is "" if there is none, else there are no weights. `kind` is the element type of the spring, `nodes`
+    are its nodes, `row` is the data line with its degrees of freedom (from 1), and `scope` the instance, which may be
+    turned. Raises `ValueError` if degrees of freedom are missing.
     """
     if kind.endswith("A"):
         along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
@@ -323,9 +337,10 @@ Ties = list[RigidLink | Constraint]
 
 
 def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of an *EQUATION block, each with its obstacle ("" if none); the first term of an equation is the dependent one.
+    """Pairs (obstacle, part) of an *EQUATION block: a constraint for each equation and node.
 
-    Raises `ValueError` if terms are missing.
+    The obstacle is "" if there is none. The first term of an equation is the dependent one. Names are looked up in
+    `scope`, where the block stands. Raises `ValueError` if terms are missing.
     """
     items: ObstaclesAndParts = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
@@ -340,9 +355,10 @@ def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock
 
 
 def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequence[str]]) -> ObstaclesAndParts:
-    """Parts of an equation, each with its obstacle ("" if none): one for each node where terms name node sets.
+    """Pairs (obstacle, part) of an equation: a constraint for each node where terms name node sets.
 
-    `terms` are (node or set, component from 1, factor) in words. Raises `ValueError` if the sets differ in size.
+    The obstacle is "" if there is none. `terms` are (node or set, component from 1, factor) in words, the dependent one
+    first. Raises `ValueError` if the sets differ in size.
     """
     if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
         return [(_TURNED, DeckPart("EQUATION", 1))]
@@ -370,9 +386,11 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
 
 
 def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of an *MPC block, each with its obstacle ("" if none); types BEAM, TIE and PIN are taken.
+    """Pairs (obstacle, part) of an *MPC block, with the ties of each dependent node; the obstacle is "" if none.
 
-    The first node or set of a line is the dependent one.
+    Types BEAM, TIE and PIN are taken. The first node or set of a line is the dependent one; the second has one node, or
+    as many. Names are looked up in `scope`, where the block stands. Raises `ValueError` if nodes are not there or sets
+    differ in size.
     """
     items: ObstaclesAndParts = []
     for row in block.rows:
@@ -404,9 +422,10 @@ def _make_ties(kind: str, main: int, dependent: int) -> Ties:
 
 
 def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """One part, with its obstacle ("" if none), of a *RIGID BODY block: nodes of its sets move with the reference node.
+    """Pair (obstacle, part), as a list of one, of a *RIGID BODY block: nodes of its sets move with the reference node.
 
-    Nodes of the pinned set follow in translations only.
+    The obstacle is "" if there is none. Nodes of the pinned set follow in translations only. Names are looked up in
+    `scope`, where the block stands. Raises `ValueError` if a node or set is not there.
     """
     options = block.options
     if options.get("ROT NODE") or "ANALYTICAL SURFACE" in options:
@@ -429,9 +448,10 @@ def _named_nodes(deck: _AssemblyContext, scope: PartData, name: str) -> list[int
 
 
 def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> list[int]:
-    """Labels of the nodes of all elements in the set `name` of a scope, sorted.
+    """Labels in the mesh of the nodes of all elements in the set `name`, sorted.
 
-    Empty if `name` is ""; raises `ValueError` if there is no such set.
+    The set is looked up in `scope`, a part, an instance or the assembly. Empty if `name` is ""; raises `ValueError` if
+    there is no such set.
     """
     if not name:
         return []
@@ -482,9 +502,10 @@ def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock)
 def _mean_constraints(
     deck: _AssemblyContext, main: int, weights: Mapping[int, float], chosen: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Obstacle ("" if none) and deck part of a reference node that moves as the weighted mean of other nodes.
+    """Pair (obstacle, part) of a reference node that moves as the weighted mean of other nodes; "" for no obstacle.
 
-    `main` is the reference node, `weights` maps the others to their weights, `chosen` are its components (0 to 5).
+    The mean is the rigid motion that fits their translations best. `main` is the reference node, `weights` maps the
+    others to their weights, `chosen` are its components that follow (0 to 5: translations, rotations).
     """
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
@@ -503,9 +524,10 @@ def _mean_constraints(
 
 
 def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Parts of a *TIE block, each with its obstacle ("" if none), for each pair of surfaces.
+    """Pairs (obstacle, part) of a *TIE block, for each pair of surfaces; the obstacle is "" if there is none.
 
-    Nodes of the first surface that are near the faces of the second move with these; others are counted as left free.
+    Nodes of the first surface that are near the faces of the second move with these; others are counted as a part that
+    the solver leaves free. Raises `ValueError` if surfaces cannot be read.
     """
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]

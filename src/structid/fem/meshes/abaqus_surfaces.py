@@ -64,7 +64,10 @@ class Surfaces:
         self._assembly, self._kind_of = assembly, kind_of
 
     def read(self, scope: PartData, name: str) -> Surface:
-        """The surface that a scope calls `name`, ``INSTANCE.NAME`` in an assembly.
+        """The surface that is called `name` in `scope`, or ``INSTANCE.NAME``: its faces and nodes, by mesh labels.
+
+        `scope` is a part, an instance or the assembly; other instances are searched after it. A surface of nodes has no
+        faces.
 
         Raises
         ------
@@ -90,9 +93,10 @@ class Surfaces:
         return Surface(faces, list(dict.fromkeys(node for face, _ in faces for node in face)))
 
     def _block(self, scope: PartData, name: str) -> tuple[PartData, KeywordBlock]:
-        """The scope and *SURFACE block called `name`, looked for in `scope` first, then in the assembly and its instances.
+        """The part, instance or assembly with the *SURFACE block called `name`, and that block.
 
-        Raises `ValueError` if there is none.
+        ``INSTANCE.NAME`` is looked for in that instance, other names in `scope` first, then in the assembly and all its
+        instances. Raises `ValueError` if there is none.
         """
         assembly_part = self._assembly.own
         owner, dot, bare = name.strip('"').upper().rpartition(".")
@@ -105,9 +109,10 @@ class Surfaces:
         raise ValueError(f"there is no surface {name!r}")
 
     def _members(self, scope: PartData, word: str) -> Iterable[tuple[PartData, int]]:
-        """Elements that `word` names, a set or a label, as pairs of the scope that the label belongs to and the label.
+        """Elements that `word` names, a set or a label, as pairs of the instance (or assembly) and the label in it.
 
-        Raises `ValueError` if there is no such set.
+        ``INSTANCE.SET`` is looked up in that instance, other names in `scope`. Raises `ValueError` if there is no such
+        set.
         """
         owner, dot, bare = word.strip('"').rpartition(".")
         holder = self._assembly.scope(owner) if dot else scope
@@ -221,7 +226,8 @@ def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
 def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatArray:
     """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it.
 
-    `point` is (3,), `corners` (n_nodes, 3) are the positions of the nodes of the face, whose interpolation is `shape`.
+    `point` is (3,), `corners` (n_nodes, 3) are the positions of all nodes of the face, whose interpolation is `shape`.
+    At most `_STEPS` steps are made from its middle.
     """
     local = shape.corners.mean(axis=0)
     for _ in range(_STEPS):

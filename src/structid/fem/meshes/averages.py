@@ -46,11 +46,11 @@ def rigid_motion(arm: FloatArray) -> FloatArray:
 def mean_motion(
     reference: FloatArray, components: Sequence[Component], positions: Mapping[int, FloatArray]
 ) -> FloatArray | None:
-    """Map (6, n_components) from components to the rigid motion at `reference` (3,) that fits them best by least squares.
+    """Map (6, n_components) from components to the rigid motion at `reference` (3,) that fits them best.
 
-    Weights of rotations are multiplied by the square of the mean distance of the nodes, as in Nastran, so that those of
-    translations and rotations compare. `positions` (3,) are those of all nodes by label. None if the components do not
-    determine the motion.
+    The fit is by least squares. The motion is translations, then rotations. Weights of rotations are multiplied by the
+    square of the mean distance of the nodes, as in Nastran, so that those of translations and rotations compare.
+    `positions` (3,) are those of all nodes by label. None if the components do not determine the motion.
     """
     nodes = list(dict.fromkeys(component.node for component in components))
     distances = [float(np.linalg.norm(positions[node] - reference)) for node in nodes]
@@ -73,8 +73,8 @@ def mean_motion(
 def global_directions(axes: FloatArray, components: Sequence[int]) -> list[str] | None:
     """Global directions, such as "X", that span the same motions as some of a node's own; None if no global ones do.
 
-    `axes` (3, 3) are its own directions as rows; `components` are those motions, 0 to 2 translations and 3 to 5 rotations
-    along them.
+    `axes` (3, 3) are its own directions as rows; `components` are those motions, 0 to 2 translations along them and 3
+    to 5 rotations about them.
     """
     directions: list[str] = []
     for start in (0, 3):

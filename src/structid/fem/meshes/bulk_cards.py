@@ -81,13 +81,14 @@ class _Lines:
 def bulk_text(path: Path) -> BulkText:
     """The bulk data of the deck at `path`, with included files in place and replicated cards written out.
 
-    Without BEGIN BULK and CEND the whole file is bulk data.
+    The result has the text, what stands before it (case control), and the file and line that each line comes from.
+    Without BEGIN BULK and CEND the whole file is bulk data; ENDDATA ends it.
 
     Raises
     ------
     FileError
-        If case control is not followed by bulk data, there are superelements of their own, or an included file cannot be
-        read.
+        If case control is not followed by bulk data, there are superelements of their own, or an included file cannot
+        be read.
     """
     lines = _Lines([], [], [], [])
     _take_lines(lines, path, path.parent, 0)
@@ -130,7 +131,8 @@ def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun:
 def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
     """Append the lines of the file at `path` to `lines`, with those of included files in place of INCLUDE.
 
-    `root` is the folder of the deck; `depth` counts nested includes, and `FileError` is raised above 20.
+    Each comes with the index of its file and its number in it. `root` is the folder of the deck; `depth` counts nested
+    includes. Raises `FileError` above 20 of them, or if a file cannot be read.
     """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
@@ -160,9 +162,10 @@ def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
 
 
 def _included_file(name: str, root: Path, parent: Path) -> Path:
-    """Path of the file that an INCLUDE names, looked for in the folder `root` of the deck, then in that of the including file.
+    """Path of the file that an INCLUDE names, looked for in the folder `root` of the deck, then in the folder `parent`.
 
-    A name ``SYMBOL:rest`` begins at the folder in the environment variable SYMBOL. Raises `FileError` if it cannot be read.
+    `parent` is that of the including file. A name ``SYMBOL:rest`` begins at the folder in the environment variable
+    SYMBOL. Raises `FileError` if the file cannot be read, or the variable is not set.
     """
     symbol = _SYMBOL.fullmatch(name)
     if symbol is not None:
@@ -230,9 +233,10 @@ class Cards:
         return [bytes(field).decode("latin-1").strip() for field in self.fields[row]]
 
     def _convert_field(self, field: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
-        """Numbers (n_cards,) in the field with index `field` of all cards, by `convert`; zeros if no card has that field.
+        """Numbers (n_cards,) in the field with index `field` of all cards, by `convert`; 0 if no card has that field.
 
-        Raises `FileError`, which names the line and `wanted`, if a field is no such number.
+        Index 0 is the field behind the name. `convert` takes a table (n_cards, width) of bytes. Raises `FileError`,
+        which names the line and says `wanted`, if a field is no such number.
         """
         if field >= self.fields.shape[1]:
             return np.zeros(len(self))
@@ -342,7 +346,7 @@ def _may_replicate(line: bytes) -> bool:
 
 
 def _card_fields(text: bytes) -> list[bytes]:
-    """The fields of the card line `text` in free, small or large format, stripped."""
+    """The fields of the card line `text`, its name first, in free, small or large format, stripped of blanks."""
     if b"," in text:
         return [field.strip() for field in text.split(b",")]
     text = text.expandtabs(8)
@@ -352,10 +356,10 @@ def _card_fields(text: bytes) -> list[bytes]:
 
 
 def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[bytes]:
-    """The fields of the card that replication `steps` make of the `previous` one.
+    """The fields of the card that replication `steps` make of those of the `previous` one.
 
-    A step is `=` (same field), `==` (all further fields the same), `*n` (field plus n), or a new field. `where` is for
-    errors.
+    A step is `=` (same field), `==` (all further fields the same), `*n` (field plus n), or a new field. `where` names
+    file and line in the `FileError` that is raised if a field to be stepped is no number.
     """
     card: list[bytes] = []
     for index, word in enumerate(steps):

@@ -33,7 +33,9 @@ class CoordinateSystem:
     def directions_at(self, positions: FloatArray) -> FloatArray:
         """Unit vectors of the three directions, as rows, at `positions` (n, 3) in basic coordinates, (n, 3, 3).
 
-        On the z axis, where radial directions have no meaning, those of angle 0 are taken, as Nastran does.
+        They are x, y, z of a rectangular system; radial, around, z of a cylindrical one; radial, polar, around of a
+        spherical one. On the z axis, where radial directions have no meaning, those of angle 0 are taken, as Nastran
+        does.
         """
         positions = np.atleast_2d(positions)
         if self.form == "R":

@@ -155,7 +155,7 @@ class DeckPart:
 
     @property
     def nodes(self) -> frozenset[int]:
-        """Labels of the nodes on which the part acts."""
+        """Labels of the nodes on which the masses, springs and ties of the part act; without cells at offsets."""
         nodes = {mass.node for mass in self.masses}
         nodes |= {node for spring in self.springs for node, _ in spring.weights}
         for tie in self.ties:
@@ -171,7 +171,8 @@ class DeckPart:
     def joined_pairs(self) -> frozenset[tuple[int, int]]:
         """Pairs of node labels, the lower first, that a spring between two nodes or a tie of the part joins.
 
-        A rigid link joins its main node to each dependent, a constraint its dependent node to each other.
+        A rigid link joins its main node to each dependent, a constraint its dependent node to each other; mid-side
+        nodes join none.
         """
         groups = [{node for node, _ in spring.weights} for spring in self.springs]
         for tie in self.ties:
@@ -221,7 +222,7 @@ def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: s
     ----------
     parts : sequence of DeckPart
     take : "all" or kinds
-        In any case, Abaqus keywords with or without their star.
+        "all" takes every part that can be. Kinds in capitals or not, Abaqus keywords with or without their star.
     source : str
         The deck, for messages.
 
@@ -296,7 +297,8 @@ def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[
 def mass_matrix(mass: float, arm: FloatArray, inertia: FloatArray) -> FloatArray:
     """Mass matrix (6, 6) of a rigid body of this `mass` about a node, translations before rotations.
 
-    `arm` (3,) leads from the node to its centre of gravity, about which `inertia` (3, 3) is.
+    `arm` (3,) leads from the node to its centre of gravity, about which `inertia` (3, 3) is, products with their minus
+    sign.
     """
     x, y, z = arm
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -371,7 +373,8 @@ def _is_simple(matrix: FloatArray) -> bool:
 def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
     """Element sets of `springs`: springs and dashpots between degrees of freedom or to the ground, and oblique ones.
 
-    Those in oblique directions become a matrix group for each loss factor. `name` begins the names of all sets.
+    Those in oblique directions become a matrix group for each loss factor. `name` begins the names of all sets. Springs
+    without stiffness and damping make none.
     """
     sets: list[ElementSet] = []
     ends = [_spring_dofs(spring.weights) for spring in springs]
@@ -461,9 +464,9 @@ def _matrix_of(
 
 
 def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | None:
-    """The tie with node labels replaced by `stands_for` (old label: new label); None if it then joins a node with itself only.
+    """The tie with node labels replaced by `stands_for` (old label: new label), other labels unchanged.
 
-    A constraint whose dependent then follows itself is solved anew.
+    None if it then joins a node with itself only. A constraint whose dependent then follows itself is solved anew.
     """
     if isinstance(tie, MiddleNode):
         label = stands_for.get(tie.label, tie.label)

@@ -69,7 +69,9 @@ class _Content:
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of the Gmsh file at `path`, in m.
+    """The mesh of the Gmsh file at `path` (version 2 or 4.1, text or binary), in m.
+
+    `units` has the length unit of the file. Groups are the physical groups of cells, by name or number.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _is_swapped(data: bytes, offset: int) -> bool:
-    """True if the whole number 1 behind the header of a binary file is not in the byte order of this machine.
+    """True if a binary file is not in the byte order of this machine, by the whole number 1 behind its header.
 
     `offset` is its byte in `data`; raises `ValueError` if there is something else.
     """
@@ -133,7 +135,10 @@ def _names(content: _Content, numbers: _Numbers) -> None:
 
 
 def _read_entities(content: _Content, numbers: _Numbers) -> None:
-    """Read the $Entities section into `content`: physical groups of each geometric entity, by (dimension, tag)."""
+    """Read the $Entities section into `content`: physical groups of each geometric entity, by (dimension, tag).
+
+    `numbers` are those of the section, which are consumed. Raises `ValueError` if there are too few.
+    """
     counts = numbers.sizes(4).tolist()
     for dimension, count in enumerate(counts):
         for _ in range(count):
@@ -146,7 +151,10 @@ def _read_entities(content: _Content, numbers: _Numbers) -> None:
 
 
 def _read_nodes(content: _Content, numbers: _Numbers) -> None:
-    """Read the $Nodes section of version 4.1 into `content`: labels and positions, in the unit of the file."""
+    """Append the nodes of a $Nodes section of version 4.1 to `content`: labels and positions, in the unit of the file.
+
+    `numbers` are those of the section, which are consumed. Raises `ValueError` if there are too few.
+    """
     for _ in range(int(numbers.sizes(4)[0])):
         dimension, _tag, parametric = numbers.integers(3).tolist()
         count = int(numbers.sizes(1)[0])
@@ -156,7 +164,11 @@ def _read_nodes(content: _Content, numbers: _Numbers) -> None:
 
 
 def _read_elements(content: _Content, numbers: _Numbers) -> None:
-    """Read the $Elements section of version 4.1 into `content`: cells by type, and the physical groups of their entities."""
+    """Append the $Elements section of version 4.1 to `content`: cells by type, and physical groups of their entities.
+
+    `numbers` are those of the section, which are consumed. Raises `ValueError` if there are too few or a type is not
+    known.
+    """
     for _ in range(int(numbers.sizes(4)[0])):
         dimension, tag, kind = numbers.integers(3).tolist()
         count = int(numbers.sizes(1)[0])
@@ -174,9 +186,10 @@ def _old_nodes(content: _Content, numbers: _Numbers) -> None:
 
 
 def _read_elements_2(content: _Content, numbers: _Numbers) -> None:
-    """Read the $Elements section of version 2 into `content`.
+    """Read the $Elements section of version 2 into `content`: cells by type, and the physical groups of each.
 
-    A cell that is repeated for each of its physical groups counts once, with all of them.
+    A cell that is repeated for each of its physical groups counts once, with all of them. `numbers` are those of the
+    section. Raises `ValueError` if there are too few.
     """
     total = int(numbers.counts(1)[0])
     by_kind: dict[int, list[tuple[IntArray, IntArray]]] = {}
@@ -203,9 +216,10 @@ def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
 
 
 def _make_mesh(path: Path, content: _Content, factor: float) -> Mesh:
-    """The mesh of the content that was read; `factor` turns its lengths into m.
+    """The mesh of the `content` that was read; `factor` turns its lengths into m.
 
-    Raises `FileError` if there are no nodes, or cells name nodes that are not there.
+    Nodes of cells are brought into the order of structid. Raises `FileError`, which names `path`, if there are no
+    nodes, or cells name nodes that are not there.
     """
     labels = np.concatenate(content.labels) if content.labels else np.zeros(0, np.int64)
     if not len(labels):
@@ -225,7 +239,7 @@ def _make_mesh(path: Path, content: _Content, factor: float) -> Mesh:
 
 
 def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> None:
-    """Raise `FileError` if cells name nodes that the file does not have.
+    """Raise `FileError`, which names `path`, if cells of the type `name` have nodes that the file does not have.
 
     `rows` are the nodes of cells (n_cells, n_nodes), `labels` those of the file.
     """
@@ -240,9 +254,10 @@ def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> N
 
 
 def _group_rows(content: _Content, dimension: int, tags: Iterable[tuple[int, list[int]]]) -> dict[str, IntArray]:
-    """Row indices of the cells of each physical group, by its name, in one block; its number where it has no name.
+    """Row indices of the cells of each physical group in one block of cells, by its name, or number if it has no name.
 
-    `tags` has pairs (number of neighbouring cells, their groups), `dimension` is that of the cells.
+    `tags` has pairs (number of neighbouring cells, their groups), `dimension` is that of the cells; `content` has the
+    names.
     """
     rows_of: dict[str, list[IntArray]] = {}
     first = 0
@@ -289,7 +304,7 @@ class _Ascii:
     """Numbers in the text from `offset` to `stop`."""
 
     def __init__(self, data: bytes, offset: int, stop: int) -> None:
-        """Numbers in the text `data` from byte `offset` to byte `stop`."""
+        """Numbers in the text `data` from byte `offset` to byte `stop` (exclusive), read one after another."""
         self.offset, self.stop = offset, stop
         self._text = data[offset:stop]
         self._words: np.ndarray | None = None
@@ -343,9 +358,10 @@ class _Ascii:
         return table[:, 0].astype(np.int64), table[:, 1:].astype(np.float64)
 
     def old_elements(self, count: int) -> Iterator[Cells]:
-        """Runs of neighbouring elements of one type in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
+        """Yield runs of neighbouring elements of one type in a section of version 2: type, tags and nodes.
 
-        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements.
+        Tags are (n, 2) and nodes (n, n_nodes). Tags are the physical group and the entity, 0 where absent. `count` is
+        the number of elements. Raises `ValueError` if the section has fewer.
         """
         assert self._words is not None
         numbers = self._words[self._at :].astype(np.int64)
@@ -415,9 +431,10 @@ class _Binary:
         return table["label"].astype(np.int64), table["at"].astype(np.float64)
 
     def old_elements(self, count: int) -> Iterator[Cells]:
-        """Blocks of elements in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
+        """Yield blocks of elements in a section of version 2: type, tags (n, 2) and nodes (n, n_nodes).
 
-        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements.
+        Tags are the physical group and the entity, 0 where absent. `count` is the number of elements. Raises
+        `ValueError` for an empty block, or if the file has fewer.
         """
         done = 0
         while done < count:

@@ -98,9 +98,9 @@ class Mesh:
         return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks if not block.is_beside), default=0)
 
     def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
-        """Blocks that have cells in `group`, each with its rows (n_chosen,) of them; if None, all cells of the largest dimension.
+        """Blocks of cells that have some in `group`, each with the row indices (n_chosen,) of these.
 
-        Raises `InputError` if there is no such group.
+        If `group` is None, all cells of the largest dimension. Raises `InputError` if there is no such group.
         """
         if group is None:
             all_cells = [(block, np.arange(len(block.nodes))) for block in self.blocks]
@@ -193,7 +193,10 @@ class Mesh:
         return label, float(distance[best]), self.size_at(label)
 
     def size_at(self, label: int) -> float:
-        """The longest side in m of the cells of the mesh's dimension around the node `label`; 0 if there are none."""
+        """The longest side in m of the cells of the mesh's dimension around the node `label`; 0 if there are none.
+
+        Cells at offsets that the node carries count too.
+        """
         longest = 0.0
         here = [label, *(made for made, carrier in self.carriers.items() if carrier == label)]
         for block, _ in self.chosen():
@@ -359,7 +362,7 @@ def _used_labels(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
 
 
 def _add_reference_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
-    """The mesh with those of its reference points that `parts` use added as nodes."""
+    """The mesh with those of its reference points that `parts` use added as nodes; itself if they use none."""
     labels = set(mesh.labels.tolist())
     new = sorted(node for node in set().union(*(part.nodes for part in parts)) - labels if node in mesh.points)
     if not new:
@@ -369,9 +372,10 @@ def _add_reference_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
 
 
 def _merge_nodes(mesh: Mesh, pairs: IntArray) -> Mesh:
-    """The mesh with both nodes of each of `pairs` (n_pairs, 2), labels with the lower first, merged into the lower.
+    """The mesh with both nodes of each of `pairs` merged into the one with the lower label.
 
-    All parts are renumbered.
+    `pairs` (n_pairs, 2) are labels with the lower first; cells, node groups and parts are renumbered, and the other
+    nodes dropped. Without pairs it is the mesh itself.
     """
     label_of = {label: label for label in mesh.labels.tolist()}
     for low, high in pairs.tolist():
@@ -403,7 +407,7 @@ def describe_unassigned_cells(mesh: Mesh, tables: list[IntArray], lower: bool = 
     ----------
     mesh : Mesh
     tables : list of int arrays
-        Node tables of element sets.
+        Node labels of the elements of each set, (n_elements, n_nodes), -1 where a row has ended.
     lower : bool
         True if cells of lower dimension than the mesh are checked, instead of those of its own dimension.
     """

@@ -80,7 +80,8 @@ _EDGES: dict[str, tuple[tuple[int, int], ...]] = {
 def read(path: Path, units: DeckUnits) -> Mesh:
     """The mesh of the Nastran bulk data file at `path` in SI units, with the parts it has beside its cells.
 
-    Groups are property numbers, and the property names that HyperMesh, Femap and Patran leave in comments.
+    Groups are property numbers, and the property names that HyperMesh, Femap and Patran leave in comments. `units` are
+    those of the file.
 
     Raises
     ------
@@ -144,9 +145,10 @@ def _property_groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple
 
 
 def _read_grids(path: Path, systems: BulkSystems) -> tuple[IntArray, FloatArray]:
-    """Labels (n,) and basic positions (n, 3) of grid points, in the unit of the file.
+    """Labels (n,) and basic positions (n, 3) of grid points, in the unit of the file, in their order.
 
-    A grid point that is repeated at its position counts once, as in Nastran; `FileError` if it is repeated elsewhere.
+    A grid point that is repeated at its position, to 1e-6 of the size of the mesh, counts once, as in Nastran;
+    `FileError`, which names `path`, if it is repeated elsewhere.
     """
     labels, positions = systems.labels, systems.basic_positions()
     order = np.argsort(labels, kind="stable")
@@ -249,7 +251,7 @@ def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSyste
 def _property_names(content: bytes) -> dict[str, str]:
     """Property names in the comments of HyperMesh, Femap and Patran in `content`, by property number as text.
 
-    A name in Patran's form precedes the property's card.
+    A name in Patran's form precedes the property's card and belongs to the next one.
     """
     names: dict[str, str] = {}
     pending = ""
@@ -314,9 +316,10 @@ class _OffsetReader:
         return parts
 
     def _plates(self, name: str, index: int, block: CellBlock, properties: IntArray) -> list[DeckPart]:
-        """Parts with the offsets of plates along their normals, by ZOFFS and by Z0 of their laminate, and with obstacles.
+        """Parts with the offsets of plates along their normals, by ZOFFS and Z0 of their laminate, and with obstacles.
 
-        `name` is the card, `index` the place of the `block` among all, `properties` (n_cells,) are the property numbers.
+        An obstacle says why an offset cannot be taken. `name` is the card, `index` that of the `block` of cells among
+        all, `properties` (n_cells,) are the property numbers. Empty if no plate has an offset.
         """
         cards = self._cards[name]
         middles = [self._middles.get(number, (0.0, "")) for number in properties.tolist()]
@@ -337,9 +340,10 @@ class _OffsetReader:
         return split_by_obstacle(f"{name} offset", items)
 
     def _bars(self, name: str, index: int, block: CellBlock) -> list[DeckPart]:
-        """Parts with the end offsets of the bars in `block` (card `name`), with obstacles, and a part for released ends.
+        """Parts with the end offsets of the bars in `block` (card `name`), with obstacles, and one for released ends.
 
-        `index` is the place of the block among all.
+        An obstacle says why an offset cannot be taken; released ends always have one. `index` is that of the block
+        among all.
         """
         cards = self._cards[name]
         vectors = np.stack([cards.reals(10 + k) for k in range(6)], axis=1).reshape(-1, 2, 3) * self._length
@@ -410,10 +414,10 @@ def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
 
 
 def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]]:
-    """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit, and an obstacle; by number.
+    """Height of the middle of each laminate over its reference plane, and an obstacle, by property number.
 
-    The obstacle is "" if the height is known; otherwise it says why not, and the height is 0. Laminates are PCOMP and
-    PCOMPG. `cards` are those of the deck by name.
+    Heights are in the deck's unit, for laminates (PCOMP and PCOMPG) with Z0. The obstacle is "" if the height is known;
+    otherwise it says why not, and the height is 0. `cards` are those of the deck by name.
     """
     middles: dict[int, tuple[float, str]] = {}
     for name, (head, width, thickness) in _LAMINATES.items():
@@ -467,9 +471,9 @@ def _bar_masses(words: Sequence[str]) -> list[str]:
 
 
 def _library_beam_masses(fields: Sequence[str]) -> list[str]:
-    """Non-structural masses of a PBEAML at its stations; empty for a type of section that has no known dimensions.
+    """Non-structural masses, as texts, of a PBEAML at its stations, end A first; `fields` are those of the card.
 
-    `fields` are those of the card.
+    Empty for a type of section that has no known dimensions.
     """
     count = _DIMENSIONS.get(fields[3] if len(fields) > 3 else "", len(fields))
     masses, station = list(fields[8 + count : 9 + count]), 9 + count

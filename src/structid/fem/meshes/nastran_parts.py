@@ -151,13 +151,17 @@ def read_parts(
     axes: Mapping[int, FloatArray],
     units: DeckUnits,
 ) -> list[DeckPart]:
-    """The parts of a deck beside its cells: those that structid has elements for, and others with the obstacle.
+    """The parts of a deck beside its cells: masses, springs, rigid elements and the like, and others with an obstacle.
+
+    An obstacle says why a part cannot be taken.
 
     Parameters
     ----------
     text : BulkText
+        The bulk data, with case control.
     cards : mapping of name to Cards
     systems : BulkSystems
+        Coordinate systems of the deck.
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
         Directions of motion, as rows, of grid points with a displacement system of their own.
@@ -226,7 +230,8 @@ def _readers(deck: _DeckContext) -> dict[str, Reader]:
 def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[DeckPart]:
     """The parts that `reader` makes of all cards of a name: one of all that can be taken, one for each obstacle.
 
-    `rows` are the fields of each card. Unreadable cards become a part with that obstacle.
+    `reader` takes the fields of a card and returns an obstacle ("" if none) and its part; `rows` are the fields of each
+    card. Unreadable cards become a part with that obstacle.
     """
     items: list[ObstacleAndPart] = []
     for words in rows:
@@ -262,9 +267,10 @@ def _component_indices(word: str) -> list[int]:
 
 
 def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> ObstacleAndPart:
-    """Obstacle ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point.
+    """Obstacle ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point, SI units.
 
-    `name` and `fields` are those of the card.
+    `name` and `fields` are those of the card. A scalar point is an obstacle. Raises `ValueError` for a field that
+    cannot be read.
     """
     words = _pad_words(fields, 24)
     node = _whole(words[1])
@@ -279,7 +285,8 @@ def _read_scalar_mass(
 ) -> ObstacleAndPart:
     """Obstacle ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
 
-    `table` has the property values by number, None for CMASS2; `fields` are those of the card.
+    `table` has the property values by number, None for CMASS2; `fields` are those of the card. Obstacles are a property
+    that is not there, a scalar point, or a second node.
     """
     words = _pad_words(fields, 8)
     kind = "CMASS2" if table is None else "CMASS1"
@@ -299,9 +306,10 @@ def _read_scalar_mass(
 
 
 def _conm2_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> FloatArray:
-    """Mass matrix (6, 6) of a CONM2 card in global directions and SI units.
+    """Mass matrix (6, 6) of a CONM2 card in global directions and SI units, translations before rotations.
 
-    `fields` are those of the card of `node`.
+    `fields` are those of the card of the grid point `node`: also its coordinate system, -1 for a centre of gravity in
+    basic coordinates.
     """
     system, mass = _whole(fields[2]), deck.units.mass * _real(fields[3])
     arm = deck.units.length * np.array([_real(word) for word in fields[4:7]])
@@ -313,9 +321,9 @@ def _conm2_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> Float
 
 
 def _conm1_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> FloatArray:
-    """Mass matrix (6, 6) of a CONM1 card in global directions and SI units.
+    """Mass matrix (6, 6) of a CONM1 card in global directions and SI units, translations before rotations.
 
-    `fields` are those of the card of `node`.
+    `fields` are those of the card of the grid point `node`, with the lower triangle by rows.
     """
     matrix = np.zeros((6, 6))
     matrix[np.tril_indices(6)] = [_real(word) for word in fields[3:24]]
@@ -339,9 +347,11 @@ def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, lis
 def _read_scalar_spring(
     deck: _DeckContext, name: str, table: Mapping[int, list[str]] | None, fields: Sequence[str]
 ) -> ObstacleAndPart:
-    """Obstacle ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`.
+    """Obstacle ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`: a spring or dashpot.
 
-    `table` has the property values by number, None for CELAS2 and CDAMP2; `fields` are those of the card.
+    It acts between two components of grid points, or one and the ground. `table` has the property values by number,
+    None for CELAS2 and CDAMP2; `fields` are those of the card. Obstacles are a property that is not there or tabled, a
+    scalar point, and equal ends.
     """
     words = _pad_words(fields, 8)
     if table is not None and _whole(words[1]) not in table:
@@ -426,10 +436,10 @@ def _bush_weights(
 def _bush_axes(
     deck: _DeckContext, name: str, first: int, second: int, fields: Sequence[str]
 ) -> tuple[FloatArray | None, str]:
-    """Axes of the element as rows (3, 3), zero where it does not state them, and an obstacle ("" if none).
+    """Axes of the element as rows (3, 3), zero where the card does not state them, and an obstacle ("" if none).
 
-    The axes are None with an obstacle, or, without one, if a CBUSH has neither a coordinate system nor a length. `first` and
-    `second` (0 for the ground) are its nodes, `fields` those of the card `name`.
+    The axes are None with an obstacle, or, without one, if a CBUSH has neither a coordinate system nor a length.
+    `first` and `second` (0 for the ground) are its nodes, `fields` those of the card `name`.
     """
     system = fields[7] if name == "CBUSH" else fields[4] if name == "CBUSH1D" else ""
     if system:
@@ -456,7 +466,10 @@ def _bush_axes(
 
 
 def _read_pbush(deck: _DeckContext) -> Values:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card, by number."""
+    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card, by number, in the unit of the file.
+
+    The obstacle is "" unless the stiffness is rigid, tabled or has a mass; the loss factor is the first GE.
+    """
     values: Values = {}
     for words in deck.rows("PBUSH"):
         numbers = {"K": np.zeros(6), "B": np.zeros(6), "GE": np.zeros(6)}
@@ -477,7 +490,11 @@ def _read_pbush(deck: _DeckContext) -> Values:
 
 
 def _read_pbush1d(deck: _DeckContext) -> Values:
-    """Axial stiffness and damping (6,), loss factor and obstacle of each PBUSH1D card, by number."""
+    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH1D card, by number, in the unit of the file.
+
+    Only the first, axial, entries are not 0, and the loss factor is 0; the obstacle is "" unless it has a mass or is
+    nonlinear.
+    """
     values: Values = {}
     for row in deck.rows("PBUSH1D"):
         words = _pad_words(row, 16)
@@ -487,7 +504,10 @@ def _read_pbush1d(deck: _DeckContext) -> Values:
 
 
 def _read_pvisc(deck: _DeckContext) -> Values:
-    """Axial and torsional damping (6,) of each PVISC card, by number."""
+    """Stiffness (0), damping (6,), loss factor (0) and obstacle ("") of each PVISC card, by number, unit of the file.
+
+    Axial and torsional damping are its entries 0 and 3; a card may hold two properties.
+    """
     values: Values = {}
     for row in deck.rows("PVISC"):
         words = _pad_words(row, 8)
@@ -522,9 +542,9 @@ def _make_rigid_element(
 
 
 def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
-    """Obstacle ("" if none) and ties from an RBE2 card: nodes that follow a main node.
+    """Obstacle ("" if none) and ties from an RBE2 card: nodes that follow a main node in some components.
 
-    `fields` are those of the card.
+    `fields` are those of the card. Obstacles are scalar points and oblique directions.
     """
     main = int(fields[1])
     dependents = _node_list([word for word in fields[3:] if _is_listed(word) or not _is_number(word)])
@@ -553,9 +573,9 @@ def _follow_rigidly(
 
 
 def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
-    """Obstacle ("" if none) and ties from an RBAR card, where all independent components are at one node.
+    """Obstacle ("" if none) and ties from an RBAR card: one of its two nodes follows the other rigidly.
 
-    `fields` are those of the card.
+    It is an obstacle if not all independent components are at one node. `fields` are those of the card.
     """
     padded = _pad_words(fields, 8)
     first, second = int(padded[1]), int(padded[2])
@@ -678,9 +698,10 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
 
 
 def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
-    """Obstacle ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent.
+    """Obstacle ("" if none) and the tie from one MPC card: factors times components add up to 0.
 
-    `fields` are those of the card.
+    The first component is the dependent one. `fields` are those of the card. Terms along a grid point's own directions
+    are put into global ones and added up; obstacles are scalar points and an oblique first term.
     """
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(fields), 8):

@@ -116,7 +116,12 @@ class BulkSystems:
         ----------
         labels : (n,) int array
         positions : (n, 3) float array
-            Basic, in the unit of the file.
+            Of these grid points, basic, in the unit of the file.
+
+        Raises
+        ------
+        FileError
+            If a coordinate system is not there, has no axes, or is defined by itself.
         """
         number_of = dict(zip(self.labels.tolist(), self.displacement.tolist(), strict=True))
         numbers = np.array([number_of[label] for label in labels.tolist()], dtype=np.int64)
@@ -141,7 +146,11 @@ def _grid_numbers(cards: dict[str, Cards], field: int) -> IntArray:
 
 
 def _read_system_cards(cards: dict[str, Cards]) -> dict[int, _SystemCard]:
-    """Coordinate systems as on their CORD1 and CORD2 cards, by number."""
+    """Coordinate systems as their cards define them, by number: form (R, C or S), reference system and three points.
+
+    CORD2 cards have points (3, 3) in the reference system; CORD1 cards have labels (3,) of grid points and the
+    reference -1. Raises `FileError` for a field that is no number.
+    """
     systems: dict[int, _SystemCard] = {}
     for name in SYSTEM_CARDS:
         card = cards.get(name)

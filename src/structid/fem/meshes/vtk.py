@@ -86,7 +86,10 @@ def _orient_wedges(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
 
 
 def _read_grid(path: Path, kind: str) -> _Grid:
-    """The grid that meshio's own reader of the format `kind` returns; `FileError` if it fails."""
+    """The grid that meshio's own reader of the format `kind` returns; `FileError`, which names `path`, if it fails.
+
+    It fails too if meshio is not installed.
+    """
     _require_meshio(path, kind)
     try:
         importlib.import_module("meshio._mesh").topological_dimension.setdefault("wedge15", 3)  # it lacks that one
@@ -118,7 +121,10 @@ def _node_labels(grid: _Grid) -> IntArray:
 
 
 def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
-    """Row indices of the cells of each group, one array for each block, by name: cell sets and ``array=value`` of whole numbers."""
+    """Row indices of the cells of each group, one array for each block of cells, by name.
+
+    Groups are cell sets, and ``array=value`` for each value of a cell array of whole numbers.
+    """
     groups: dict[str, tuple[IntArray, ...]] = {}
     for name, rows in grid.cell_sets.items():
         groups[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)

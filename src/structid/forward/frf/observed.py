@@ -60,7 +60,8 @@ class ObservedFrf:
     def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """FRFs with channel errors, (n_frequencies, n_outputs, n_inputs), and their derivatives, (..., n_params).
 
-        `physical` (n_params,) are the parameters of the structure, then those of the channels.
+        Derivatives are by `physical` (n_params,), the parameters of the structure, then those of the channels; FRFs are
+        in the kind of the record.
         """
         if self.channels is None:
             return self.model.derivatives_at(physical)

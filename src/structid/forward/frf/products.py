@@ -263,7 +263,11 @@ class WhitenedFrf:
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
-        """Derivative of the weighted residual by the model's FRFs `h` (n, n_outputs, n_inputs) at the frequency lines `lines`."""
+        """Derivative of the weighted residual by the model's FRFs `h` (n, n_outputs, n_inputs) at the lines `lines`.
+
+        A change dh of the FRFs changes the residual by own dh + other conj(dh); both factors have the shape of `h`. The
+        form of the residual is that of this object.
+        """
         if self.form == "output":
             return Whitening((1 / self.deviation[lines]).astype(np.complex128))
         m, weight = self.measured[lines], self._weight[lines]

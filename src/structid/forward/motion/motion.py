@@ -44,7 +44,10 @@ class Motion:
     displacement: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Convert arrays to float, and raise `InputError` on wrong shapes, non-finite values or time that falls."""
+        """Convert arrays to float; raise `InputError` on wrong shapes, values that are not finite, or falling time.
+
+        Time must increase from sample to sample.
+        """
         for item in fields(self):
             values = getattr(self, item.name)
             if values is not None:

@@ -60,10 +60,10 @@ class TabulatedFrf:
         raise InputError(f"the motion of all nodes {NO_MATRICES}")
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Tabulated receptances of the sensors under the load columns at indices `columns`, (n_lines, n_outputs, n_columns).
+        """Tabulated receptances of sensors, (n_lines, n_outputs, n_columns), under load columns at indices `columns`.
 
-        Signs are those of the directions of the sensors. `physical` (n_params,) are the parameters; `coefficients` are not
-        used.
+        Columns are of unit loads along the axes; sensors have the signs of their directions. `physical` (n_params,) are
+        the parameters; `coefficients` are not used.
         """
         values, _ = self._signed_receptances(physical)
         senses = np.array([dof.sign for dof in self.record.inputs])
