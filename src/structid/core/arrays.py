@@ -80,7 +80,8 @@ def bin_extremes(values: FloatArray, most: int) -> tuple[FloatArray, FloatArray,
 def thin_curve(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
     """At most `most` points of the curve `y` over `x`, (n,) each: minimum and maximum of each bin, at its first x.
 
-    A curve of no more points stays as it is.
+    There are `most` // 2 bins of neighbouring points. The result is x and y; a curve of no more than `most` points
+    stays as it is.
     """
     if len(x) <= most:
         return x, y

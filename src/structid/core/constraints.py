@@ -30,7 +30,10 @@ class Limits:
 
     @property
     def words(self) -> str:
-        """The limits in words: ``at least 0``, ``above 0 and at most 1`` or ``between -1 and 0.5``."""
+        """The limits in words: ``at least 0``, ``above 0 and at most 1``, ``greater than 0`` or ``between -1 and 0.5``.
+
+        The last has both ends excluded; "" without limits.
+        """
         if self.is_open:
             return f"between {self.above:g} and {self.below:g}"
         alone = self.most is None and self.below is None
@@ -68,7 +71,8 @@ declared_types: Callable[[Callable[..., object]], Mapping[str, object]] = cache(
 def parameter_descriptions(owner: Callable[..., object]) -> dict[str, str]:
     """Description of each parameter or attribute, by name, in the numpydoc docstring of `owner`, a function or class.
 
-    Those of a class come after, and replace, those of its bases; "" for names without description.
+    Those of a class come after, and replace, those of its bases; "" for names without description. Lines are joined by
+    blanks.
     """
     descriptions: dict[str, str] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
@@ -106,9 +110,10 @@ def describe_type(annotation: object) -> str:
 
 
 def constraint_violation(annotation: object, value: object) -> str:
-    """The choice, limit or type in `annotation` that `value` breaks, as ``must be ..., got ...``.
+    """The choice, limit or type in `annotation` that `value` breaks, as ``must be ..., got ...``; "" if it breaks none.
 
-    "" if it breaks none, or is None.
+    Limits are those of an `Annotated`, choices those of a `Literal`; a text where only numbers are allowed is wrong.
+    None breaks none.
     """
     if value is None:
         return ""
@@ -135,7 +140,10 @@ def constraint_violation(annotation: object, value: object) -> str:
 
 
 def require_declared(thing: object) -> None:
-    """Raise `InputError` for the first field of the dataclass instance `thing` whose value its annotation does not allow."""
+    """Raise `InputError` for the first field of a dataclass instance whose value its annotation does not allow.
+
+    Limits, choices and text in place of numbers are checked in `thing`; None is always allowed.
+    """
     for name, annotation in declared_types(type(thing)).items():
         problem = constraint_violation(annotation, getattr(thing, name))
         if problem:

@@ -62,7 +62,10 @@ class Shown(ABC):
         return "\n".join([shown.words, *(line.rstrip() for line in table)])
 
     def _repr_html_(self) -> str:
-        """The overview as HTML for notebooks, with the first rows of a long table only."""
+        """The overview as HTML for notebooks: class and line, then the first rows of the table.
+
+        A last line says how many rows are left out, if any.
+        """
         shown = self.overview()
         first, more = shown.rows[:_MOST_ROWS], len(shown.rows) - _MOST_ROWS
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in shown.header)
@@ -113,7 +116,7 @@ def file_names(paths: Sequence[str | Path]) -> list[str]:
 
 
 def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[str]:
-    """The first `most` warnings as plain lines ``warning: ...``, and a line with the number of the others."""
+    """The first `most` warnings as plain lines ``warning: ...``, then a line with the number of the others, if any."""
     texts = list(warnings)
     more = len(texts) - most
     note = [f"{plural(more, 'more warning')}: in the results"] if more > 0 else []
@@ -123,7 +126,9 @@ def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[s
 def data_array(
     values: ArrayLike, axes: Mapping[str, Iterable[object]], name: str, about: Mapping[str, object]
 ) -> xr.DataArray:
-    """`values` as an ``xarray.DataArray`` with labelled axes (axis name: labels), a name and attributes (`about`).
+    """`values` as an ``xarray.DataArray`` with labelled axes, a `name` and attributes.
+
+    `axes` maps the name of each axis, in order, to its labels; `about` maps the names of attributes to their values.
 
     Raises
     ------

@@ -35,9 +35,10 @@ def calling_folder() -> Path:
 
 
 def absolute_paths(value: Any) -> Any:
-    """Absolute paths of `value`, a path or a list of them, from the folder in which the command was called.
+    """Absolute path of `value`, or a list of them, from the folder in which the command was called.
 
-    Other values are unchanged.
+    Lists are followed to any depth; values that are neither paths nor lists are unchanged. The folder of a path that is
+    absolute already is noted, so that messages leave it so.
     """
     if isinstance(value, Path):
         if value.is_absolute():
@@ -75,9 +76,9 @@ def import_paths(entries: list[str], folder: Path) -> list[str]:
 
 
 def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Environment variables of a child process: those of this one with `changes` (None for none), and Python's safe path on.
+    """Environment variables of a child process: those of this one with `changes`, and Python's safe path on.
 
-    The working directory is taken out of ``PYTHONPATH``.
+    None makes no changes. The working directory is taken out of ``PYTHONPATH``, which is left out if nothing remains.
     """
     environment = {**os.environ, **(changes or {}), "PYTHONSAFEPATH": "1"}
     listed = environment.get("PYTHONPATH", "")
@@ -132,9 +133,10 @@ def kill_child(process: subprocess.Popen[bytes]) -> None:
 
 @contextmanager
 def safe_child_environment() -> Iterator[None]:
-    """Context manager that gives this process the `child_environment` while the block runs.
+    """Context manager that gives this process the environment of its children while the block runs.
 
-    It is for children to which no environment can be passed; threads wait for each other.
+    It has Python's safe path on and no working directory in ``PYTHONPATH``, for children to which no environment can be
+    passed. Threads wait for each other; the old environment is restored.
     """
     with _changing_environment:
         before = dict(os.environ)

@@ -40,7 +40,10 @@ def json_text(value: StoredEntry) -> str:
 
 
 def plain(value: StoredEntry) -> JsonValue:
-    """`value` in types of JSON: arrays as lists, NumPy numbers as Python's, NaN and infinite numbers as None."""
+    """`value` in types of JSON: arrays and sequences as lists, mappings as objects, NumPy numbers as Python's.
+
+    NaN and infinite numbers become None; text stays.
+    """
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):

@@ -29,7 +29,11 @@ class LastResults(Generic[K, T]):
         return tuple(self._results)
 
     def get_or_make(self, key: K, make: Callable[[], T]) -> T:
-        """The result that is kept for `key`, else that of `make` (not None), in the place of the one not asked for longest."""
+        """The result that is kept for `key`, else that of `make` (not None), which is then kept.
+
+        The result becomes the last one asked for; those not asked for longest are dropped beyond the largest number
+        kept.
+        """
         kept = self._results.pop(key, None)
         result = make() if kept is None else kept
         self._results[key] = result

@@ -152,9 +152,10 @@ def unit_text(unit: str) -> str:
 
 
 def prefixed(unit: str, *values: float) -> tuple[float, str]:
-    """A power of 1000 and the unit with its prefix in which the largest of `values` has few digits.
+    """A power of 1000 and the unit with its prefix (k, M, G) in which the largest of `values` has few digits.
 
-    Units of force and pressure have one from 1000 on; all others stay as they are.
+    Units of force and pressure have one if that is 1000 or more; all others have the factor 1 and no prefix. Values
+    that are not finite do not count.
 
     Examples
     --------

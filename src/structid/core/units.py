@@ -142,7 +142,10 @@ _LONGEST = 100
 
 
 def _normalize_unit(text: str) -> str:
-    """`text` of a unit in one spelling: ``^`` for powers, ``*`` for products, ``/`` for per, single blanks."""
+    """`text` of a unit in one spelling: ``^`` for powers, ``*`` for products, ``/`` for per, no blanks around signs.
+
+    Other blanks are single. A text that is far too long for a unit is returned as it is.
+    """
     if len(text) > 10 * _LONGEST:  # no unit, whatever is made of it
         return text
     for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
@@ -204,7 +207,10 @@ def _read_moment_unit(text: str) -> Unit | None:
 
 
 def _factor_pairs(text: str) -> list[tuple[str, str]]:
-    """Ways to split `text` into two factors: at its only sign or blank, or within one word between two known units."""
+    """Ways to split `text` into two factors: at its only ``*``, ``-``, point or blank, or within one word.
+
+    A word is split between two units of force and length as they are spelled in the tables. Empty if there is no way.
+    """
     words = re.split(r"[*\- .]", text)
     if len(words) == 2:
         return [(words[0], words[1])]
@@ -343,7 +349,8 @@ def parse_frf_unit(text: str) -> FrfUnit:
     Returns
     -------
     FrfUnit
-        ``(kind, factor, output_rotation, input_rotation)``.
+        ``(kind, factor, output_rotation, input_rotation)``: kind is ``receptance``, ``mobility``, ``accelerance`` or
+        ``transmissibility``, and values times `factor` are in SI.
 
     Raises
     ------
