@@ -188,7 +188,7 @@ def split_commas(text: str) -> tuple[str, ...]:
 
 
 def part_of_one(value: float | str) -> float:
-    """`value` as a fraction, from a number or a text such as ``0.01`` or ``1 %``; NaN if it is no number."""
+    """`value` as a fraction, from a number or a text such as ``0.01`` or ``1 %``; NaN for any other text."""
     text = str(value).strip()
     try:
         return float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)

@@ -113,9 +113,9 @@ def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: i
 
 
 def span_digits(low: float, high: float) -> tuple[int, int]:
-    """Significant digits, for each end, that show the interval from `low` to `high` to a hundredth of its width: 1 to 10.
+    """Significant digits, 1 to 10 for each end, that show an interval to a hundredth of its width.
 
-    4 and 4 if an end is not finite, or the width is not above 0.
+    The ends are `low` and `high`. 4 and 4 if an end is not finite, or the width is not above 0.
     """
     largest = max(abs(low), abs(high))
     if not (math.isfinite(largest) and high > low):

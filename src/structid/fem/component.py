@@ -384,10 +384,10 @@ def _reduction_basis(
 def _modes_up_to_limit(
     component: Component, mass: sparse.csc_array, stiffness: sparse.csc_array
 ) -> tuple[FloatArray, bool]:
-    """Modes up to the frequency limit of `component`, (n_dofs, n_modes), and True if one of them is a motion without force.
+    """Modes up to the frequency limit of `component`, (n_dofs, n_modes), and True if one is a motion without force.
 
-    `mass` and `stiffness` are those inside the component, with its border fixed. Without any mass there are no modes,
-    (n_dofs, 0). Raises `InputError` if a motion has neither mass nor stiffness.
+    `mass` and `stiffness` are those inside the component, with its border fixed; shapes are mass-normalized. Without
+    any mass there are no modes, (n_dofs, 0). Raises `InputError` if a motion has neither mass nor stiffness.
     """
     count, n = _FIRST_MODES, mass.shape[0]
     if not mass.nnz:

@@ -195,12 +195,15 @@ class MeasuredComponent:
         return tuple(words)
 
     def line_warnings(self, frequency: FloatArray) -> tuple[str, ...]:
-        """A tuple of one sentence if some of the lines `frequency` (Hz) are interpolated between measured lines, else ().
+        """A tuple of one sentence if some of the lines `frequency` (Hz) lie between measured lines, else ().
+
+        Such lines are interpolated. The sentence says how many, and how far a measured line would be off if left out.
 
         Raises
         ------
         InputError
-            If a line lies outside the measured band, or the measured lines are too far apart to interpolate between them.
+            If a line lies outside the measured band, or the measured lines are too far apart to interpolate between
+            them.
         """
         _, between = self._nearest_lines(frequency)
         if not between.any():

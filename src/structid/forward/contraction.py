@@ -203,7 +203,7 @@ def _force_maps(
 
 
 def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Sparse entries of the derivatives of a weighted sum of element matrices: key, column, value, (n_entries,) each.
+    """Sparse entries of derivatives of a weighted sum of element matrices: key, column, value, (n_entries,) each.
 
     `part` has the element matrices and the derivatives of their weights by the parameters. The key is parameter index
     times n_dofs plus row. Entries may repeat and add up.

@@ -68,9 +68,9 @@ class CellSet(ElementSet):
     def matrix_term(
         self, corners: FloatArray, matrices_of: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
     ) -> ElementMatrixTerm:
-        """Element matrix term of all cells, made by `matrices_of` for the cells of each type at once.
+        """Element matrices of all cells of the set with their degrees of freedom, made type by type.
 
-        Matrices of cells with fewer nodes than the largest are padded with zeros.
+        Matrices of cells with fewer nodes than the largest are padded with zeros, to (n_cells, n_local, n_local).
 
         Parameters
         ----------

@@ -83,7 +83,8 @@ class MatrixGroup(ElementSet):
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The group's factors as properties, nominally 1, with the matrices that they multiply; then its loss factor.
 
-        A group without stiffness has no loss factor. The arguments have no influence.
+        Factors are of mass, stiffness and damping, as far as it has these matrices. A group without stiffness has no
+        loss factor. The arguments have no influence.
         """
         matrix_terms_of, unit = self.matrices(positions, used_codes), np.ones(1)
         terms = [

@@ -247,7 +247,7 @@ class SolverFrfs(ElementSet):
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
 
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
-        """The parameters as properties with zero matrices, since the model has FRFs alone.
+        """The parameters as properties with nominal values and zero matrices, since the model has FRFs alone.
 
         The arguments have no influence.
         """

@@ -23,12 +23,14 @@ _KINDS = {"stress": "STIFFNESS", "mass": "MASS", "damping": "DAMPING"}
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """Stiffness and mass of an Ansys ``.full`` file, or of each element of a ``.emat`` file.
+    """Stiffness and mass of an Ansys ``.full`` file, or of each element of a ``.emat`` file, as a list.
+
+    Rows have node and component. The file is read in a child process.
 
     Raises
     ------
     FileError
-        If `ansys-mapdl-reader` is not installed, or cannot read the file.
+        If `ansys-mapdl-reader` is not installed, cannot read the file, or the file has neither.
     """
     try:
         content = read_in_child(path, "ansys")

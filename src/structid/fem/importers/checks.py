@@ -260,11 +260,11 @@ def _power_hint(first: sparse.csc_array, second: sparse.csc_array, factor: float
 
 
 def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof]) -> None:
-    """Raise `InputError` if a symmetric matrix has negative eigenvalues; the message says where, as far as that is known.
+    """Raise `InputError` if a symmetric matrix has negative eigenvalues; the message says where, if that is known.
 
-    The matrix is scaled to a unit diagonal, so that translations and rotations count alike; eigenvalues down to -1e-5 pass.
-    Every pair of rows is looked at; up to 20,000 rows the whole matrix is factorized and the signs of the pivots are counted
-    (Sylvester's law of inertia).
+    The matrix is scaled to a unit diagonal, so that translations and rotations count alike; eigenvalues down to -1e-5
+    pass. Diagonal and every pair of rows are checked; up to 20,000 rows the whole matrix is factorized and the signs of
+    the pivots are counted (Sylvester's law of inertia).
 
     Parameters
     ----------

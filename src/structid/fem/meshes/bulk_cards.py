@@ -113,10 +113,10 @@ def bulk_text(path: Path) -> BulkText:
 
 
 def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun: bool) -> None:
-    """Raise `FileError` if a BEGIN line starts the bulk data of a superelement or the like, a model of its own.
+    """Raise `FileError` if a BEGIN line starts the bulk data of a superelement or the like, another model.
 
-    `row` is the index of the line in `lines`, `match` the parts of it (word and number); `begun` says that bulk data have
-    begun.
+    `row` is the index of the line in `lines`, `match` the parts of it (word and number); `begun` says that bulk data
+    have begun. Superelement 0 is allowed as the first.
     """
     word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
     if not word or (word == "SUPER" and not begun and not name.strip("0")):

@@ -333,9 +333,10 @@ def weights_along(
 
 
 def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
-    """Element sets of `masses`: point masses, rotary inertias for each axis, and a matrix group of the others.
+    """Element sets of `masses`: point masses, rotary inertias for each axis, and a matrix group of all others.
 
-    The others have eccentricity, products of inertia or masses that differ by direction. `name` begins the names of all sets.
+    The others have eccentricity, products of inertia or masses that differ by direction. `name` begins the names of all
+    sets. Sets without members are left out.
     """
     simple = [mass for mass in masses if _is_simple(mass.matrix)]
     sets: list[ElementSet] = []

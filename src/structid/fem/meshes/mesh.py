@@ -308,10 +308,10 @@ def require_sound(
 
 
 def offset_cells(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
-    """The mesh with the cells of `parts` where their offsets put them.
+    """The mesh with the cells of `parts` where their offsets put them; itself without parts.
 
-    Each end that stands off its node becomes a node of its own, which a rigid link joins to that of the file; the links are
-    ties of the part, in place of its offsets. Ends at one place that one node carries share their node. Raises `InputError`
+    Each end that stands off its node gets a new node, which a rigid link joins to that of the file; the links are ties
+    of the part, in place of its offsets. Ends at one place that one node carries share their node. Raises `InputError`
     if a cell has two offsets.
     """
     if not parts:

@@ -226,15 +226,15 @@ def add_amplitude_change(
     Parameters
     ----------
     derivative : (n_frequencies, n_outputs + n_contacts, n_params) complex array
-        Derivative of receptances at fixed amplitudes, contacts last.
+        Derivative of receptances at fixed amplitudes, contacts last; changed in place.
     motion : (n_frequencies, n_contacts) complex array
         q, motion of the contacts under the drive.
     reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
         Receptance from a force at each contact.
     force : (n_contacts,) float array
-        r.
+        r: friction force per unit drive.
     size : (n_frequencies, n_contacts) float array
-        s; where it differs from abs(q) the contact sticks and s stays.
+        s; where it differs from abs(q) by more than 1e-6 of it the contact sticks and s stays.
     """
     n_contacts = len(force)
     by_size = reach * (1j * force * motion / size**2)[:, None, :]

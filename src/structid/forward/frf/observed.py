@@ -139,7 +139,7 @@ class LeakedFrf:
     def _weighted_sums(self, parts: ComplexArray) -> ComplexArray:
         """Weighted sums over the shifted lines of each line, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...).
 
-        The weights `PARTS` are those of a fit of exponentials to the correlation of a Hann window.
+        Shifts and weights are those of a sum of exponentials that fits the correlation of a Hann window.
         """
         flat = parts.reshape(len(parts), -1)
         sums = np.zeros((len(self.line_indices), flat.shape[1]), dtype=np.complex128)

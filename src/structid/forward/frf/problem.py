@@ -274,10 +274,11 @@ class FrfProblem(RecordProblem):
         return WhitenedFrf(self.form, record.values, np.sqrt(np.maximum(variance, 0.0)))
 
     def reweighted(self, theta: FloatArray) -> FrfProblem:
-        """Problem whose model error is a part of the predicted magnitudes at `theta` (n_params,) instead of the measured ones.
+        """Problem whose model error and relative noise are parts of the predicted magnitudes, not of the measured ones.
 
-        Predicted magnitudes are limited to five standard deviations from the measured ones. The same problem for another form
-        than ``output``, or without model error.
+        Predictions are those at the free variables `theta` (n_params,), limited to five standard deviations from the
+        measured magnitudes. The problem itself for another form than ``output``, or without model error and relative
+        noise.
         """
         if self.form != "output" or (self.model_error == 0 and self.record.relative is None):
             return self
@@ -394,7 +395,7 @@ class FrfProblem(RecordProblem):
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:
-        """Sequences of easier problems for poor starts, each a tuple of (name, problem), in the order to be tried.
+        """Sequences of easier problems for poor starts, each a tuple of pairs (name, problem), in the order of trial.
 
         Two use the bounded (pole-free) residual with a prior at the start: a short one with an error of half of each
         value, and a longer one with errors falling from three times to a tenth. One fits smoothed FRFs; it comes last,

@@ -157,7 +157,10 @@ class ResponseCache:
         return ResponseCache, (self.factorizer,)
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
-        """Derivatives of the dynamic stiffness of the structure by the parameters; the cached object if there is one."""
+        """Derivatives of the dynamic stiffness of the structure by the parameters; the cached object if there is one.
+
+        One serves for equal structure and design of the parameters, whatever their priors and starts.
+        """
         slopes = next((known for known in self._slopes if known.serves(structure, parameters)), None)
         if slopes is None:
             slopes = StiffnessSlopes(structure, parameters)
@@ -167,10 +170,11 @@ class ResponseCache:
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> SparseSolver:
-        """Sparse solver of the structure and parameters of `slopes`, for the channels `sides` at the lines of `record`; cached.
+        """Sparse solver for the structure and parameters of `slopes` at the lines of `record`.
 
-        With friction contacts each record has a solver of its own. `reduced` is the largest error of values, in parts of the
-        largest of their line, that may come from few factorizations; None solves every line.
+        It is cached while it is in use. `sides` are its loads and sensors. With friction contacts each record has
+        another solver. `reduced` is the largest error of values, in parts of the largest of their line, that may come
+        from few factorizations; None solves every line.
         """
         with_contacts = record if sides.n_contacts else None
         key: tuple[object, ...] = (

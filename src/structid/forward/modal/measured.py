@@ -180,7 +180,8 @@ class MeasuredModes:
         """Measured modes in groups of close frequencies, lowest first; a mode that stands alone is a group too.
 
         Neighbours are close within `closeness` of the frequency, or within 1.96 standard deviations of their
-        difference. A mode without a known shape entry stands alone, and the grouping of the others ignores it.
+        difference. A mode without a known shape entry stands alone, and takes no part in the grouping of modes with
+        shapes.
         """
         frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
         shown = np.flatnonzero(has_shape)
@@ -283,7 +284,7 @@ def _require_sound(modes: MeasuredModes) -> None:
 
 
 def _require_errors(modes: MeasuredModes, what: str, std: FloatArray, key: str, unit: str, usual: str) -> None:
-    """Raise `InputError`, which names the modes, unless every standard deviation `std` (n_measured,) is greater than 0.
+    """Raise `InputError` unless every standard deviation `std` (n_measured,) is greater than 0; it names the modes.
 
     `what`, `key`, `unit` and `usual` are words of the message: the quantity, its option, its unit and a usual value.
     """
@@ -317,7 +318,10 @@ def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
 
 
 def _require_independent(modes: MeasuredModes, group: GroupData) -> None:
-    """Raise `InputError`, which names the modes, if those of `group` have linearly dependent shapes at the sensors."""
+    """Raise `InputError`, which names the modes, if those of `group` have linearly dependent shapes at the sensors.
+
+    They are if the least singular value of the shapes, scaled to length 1, is at most 1e-9. One mode alone passes.
+    """
     size = np.linalg.norm(group.shapes, axis=0)
     if len(group.members) < 2 or not group.shapes.size:
         return

@@ -221,9 +221,10 @@ def identify_motion(
     record : TimeRecord or Motion
         Motion of all free degrees of freedom with the forces.
     rule : {"trapezoid", "difference"}, optional
-        How quantities that a `TimeRecord` lacks are made; see `completed`.
+        How quantities that a `TimeRecord` lacks are made: integrated from acceleration, or differentiated from
+        displacement. None makes none.
     row_weights : (n_dofs,) array, optional
-        Factor on the equation of each degree of freedom.
+        Factor on the equation of each degree of freedom; 1 by default.
     variance : mapping of quantity to error variance, optional
         Of ``acceleration``, ``velocity`` and ``displacement``: a number, (n_dofs,) or (n_times, n_dofs). The message
         then says how large the bias is, and parameters that it swamps count as not identified.

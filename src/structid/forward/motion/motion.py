@@ -92,7 +92,8 @@ def recorded_motion(
         A quantity that it measures anywhere must be measured at every free degree of freedom (signs and ties as
         given). Its force channels act at their own places, and nothing acts elsewhere.
     rule : {"trapezoid", "difference"}, optional
-        How missing quantities are made; None leaves them out. See `completed`.
+        How missing quantities are made: integrated from acceleration, or differentiated from displacement, which drops
+        the first and last sample. None leaves them out.
     force : (n_times, n_dofs) array, optional
         Forces, instead of force channels.
     initial_displacement, initial_velocity : (n_dofs,) arrays, optional

@@ -110,11 +110,12 @@ def identify_motion_by_chunks(
     ----------
     structure : Structure
     unknown : Parameters
-        As for `identify_motion`.
+        Masses, viscous dampings and stiffnesses; no loss factors, no friction, no priors. Bounds are not imposed.
     record : ChunkedRecord
         Acceleration, velocity and displacement, as far as the equations hold them, of every free degree of freedom,
         and the forces; see `open_record`.
     row_weights : (n_dofs,) array, optional
+        Factor on the equation of each degree of freedom; 1 by default.
     work : FoldingKernels, optional
         Compiled or not, and on how many threads.
     longest : int, optional
@@ -123,6 +124,12 @@ def identify_motion_by_chunks(
         NPZ file that holds the state, written by renaming now and then and at any end. If it is there already, the
         pass goes on where it ended.
     progress : callable, optional
+        Called with the samples done and those of the record.
+
+    Returns
+    -------
+    MotionSolution
+        Values with the fit, standard deviations (n_params,) from the residual, and the numbers of equations and samples.
 
     Raises
     ------

@@ -175,11 +175,18 @@ def fixed_rows(
     structure : Structure
     unknown : Parameters
     tolerances : Tolerances
+        Relative standard deviation of the fixed values, by property, and of the gain.
     values : (n_params,) float array
         Parameters in physical units.
     rows_with : callable
-        Gives the whitened rows of the equations for unknowns and their values: here `unknown` at `values`, then a factor of 1
-        on each fixed value.
+        Gives the whitened rows of the equations for unknowns and their values: here `unknown` at `values`, then a
+        factor of 1 on each fixed value.
+
+    Returns
+    -------
+    FixedRows or None
+        Names, kinds and tolerances of the fixed values, and the derivative (n_rows, n_fixed) of the whitened rows by
+        each relative error, as measured and as instruments.
     """
     is_nonlinear = nonlinear_values(structure)
     properties = fixed_properties(structure, unknown, tolerances)
@@ -250,11 +257,11 @@ def linear_estimate(
 ) -> Estimate:
     """Estimate from a linear fit in time, with covariance, status and identifiability.
 
-    `values` (n_params,) are None if there is no solution. With `known_noise` False the unit variance of the rows comes
-    from their residual, and chi-square is NaN. `fixed` holds the fixed values at `values`; None takes them as exact.
-    `history` are the values of all iterations, `converged` and `message` say how they ended, and a chi-square less
-    probable than `misfit_probability` counts as model error. `n_starts` is the number of starting points that were
-    tried.
+    `values` (n_params,) are None if there is no solution; estimates are then NaN. With `known_noise` False the unit
+    variance of the rows comes from their residual, and chi-square is NaN. `fixed` holds the fixed values at `values`;
+    None takes them as exact. `history` are the values of all iterations, `converged` and `message` say how they ended,
+    and a chi-square less probable than `misfit_probability` counts as model error, whose covariance is then adopted.
+    `n_starts` is the number of starting points that were tried.
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None
