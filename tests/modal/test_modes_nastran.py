@@ -1,5 +1,7 @@
 """Modes that Nastran printed: listings page by page, punch files, and what is wrong with them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -79,6 +81,16 @@ def test_translations_that_move_are_read_from_every_page(tmp_path, name):
     shapes = read_shapes(tmp_path / name)
     assert shapes.dofs.tolist() == [[node, axis] for node in NODES for axis in range(1, 7)]
     assert shapes.values == pytest.approx(SHAPES.reshape(3, 24).T, rel=1e-6, abs=1e-12)
+
+
+def test_translations_alone_are_read_whatever_the_columns(tmp_path):
+    row = re.compile(r"^( +\d+      G   )(.*)$", re.MULTILINE)
+    narrow = row.sub(lambda match: match[1] + "  ".join(match[2].split()[:3]), listing())
+    (tmp_path / "narrow.f06").write_text(narrow)
+    (tmp_path / "wide.f06").write_text(listing())
+    found, expected = (read_modes(tmp_path / name) for name in ("narrow.f06", "wide.f06"))
+    assert found.channels == expected.channels
+    assert np.array_equal(found.mode_shapes, expected.mode_shapes)
 
 
 def test_modes_come_in_order_and_other_punched_tables_are_passed_over(tmp_path):

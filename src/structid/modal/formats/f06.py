@@ -261,7 +261,7 @@ class _Listing:
     def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
         """The six numbers of a row as texts, from columns of 15 that begin at column index `first`; "" for a blank one.
 
-        Where the row is not set in these columns, its words are returned, as many as there are. `is_grid` says that the
+        Where the row is not set in these columns, its words are taken in order. `is_grid` says that the
         row is of a grid point, which has six numbers or the first three, `is_phase` that they are phases. `FileError`
         if a text is no number or some are missing. `line` is the text and `number` that of the line in the file.
         `first_column` is set.
@@ -271,7 +271,7 @@ class _Listing:
         tail = line[first + 6 * _WIDTH :].strip()
         words = line[first - 1 :].split()
         if [text for text in fields if text] != words or tail:
-            fields = words
+            fields = words + [""] * (6 - len(words))
         number_form = _PHASE if is_phase else _NUMBER
         if not all(number_form.match(text) for text in fields if text):
             raise self._broken(number, line)
