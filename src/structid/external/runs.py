@@ -196,7 +196,7 @@ def needed_runs(
 
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: TaskContext) -> str:
-    """Run the solver at `values` (by name), as often as `retries` more if it fails; "" on success, else the reason.
+    """Run the solver at `values` (by name), again up to `retries` times if it fails; "" on success, else the reason.
 
     A run that is kept already is not repeated. `tools` is not used. `InputError` if the command is not confirmed.
     """

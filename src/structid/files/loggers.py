@@ -38,8 +38,8 @@ class Channel(NamedTuple):
 def logger(path: str, kind: str) -> list[Channel]:
     """Every numeric channel of the logger's file at `path`, with its clock; `kind` is a key of `PACKAGES`.
 
-    A warning of the library while it reads is raised as an error, since it tells of damage; in miniSEED files, which
-    have checks of their own, warnings become the note of the first channel.
+    A warning of the library while it reads (`UserWarning`, `RuntimeWarning`) is raised as an error, since it tells of
+    damage; in miniSEED files, which have checks of their own, all warnings become the note of the first channel.
     """
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more address space than the child may take
     with warnings.catch_warnings():

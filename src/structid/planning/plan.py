@@ -230,8 +230,8 @@ def _prepare_selection(
 def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of the sensors and of the loads of the most informative test, in this order, among the candidates.
 
-    The search starts from the best loads for all sensors, and from up to eight sets that begin with the load of most
-    information; the best of the results by the criterion of the options is taken.
+    The search starts from the best loads for all sensors, and from up to eight sets that begin with one of the loads of
+    most information each; the best of the results by the criterion of the options is taken.
     """
     options, known = selection.options, selection.known
     criterion = (options.criterion, selection.of_interest)

@@ -146,9 +146,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
 
 
 def chosen_modes(record: ModalRecord, numbers: Sequence[int]) -> ModalRecord:
-    """Record with only the modes of these `numbers`, counted from 1, in that order.
-
-    The record itself if there are none.
+    """Record with only the modes of these `numbers`, counted from 1, in increasing order; all of them without numbers.
 
     Raises
     ------

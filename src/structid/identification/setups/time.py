@@ -173,7 +173,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         """The problem of the histories: finite spectra on the lines that `options` choose, or samples for output error.
 
         For the linear methods, which search for no minimum, it only predicts what the record can determine.
-        `InputError` if these meet motions of supports, or output error meets errors of channels.
+        `InputError` if these meet motions of supports, or if errors of channels are declared for any fit but that of
+        spectra.
         """
         problem: RecordProblem
         if self.settings.fit in ("instrumental", "weak") and _SUPPORT in self.record.quantities:
@@ -445,9 +446,9 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
     """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most motion channels.
 
     The record of a single hit is transformed whole, with an exponential window if the motion has not died out. Others
-    are averaged by the estimator Hv from four segments; they go from the first to the last line at which a force rises
-    above its noise, and over all lines where none does. Of two sensors at one degree of freedom the one of that kind is
-    taken.
+    are averaged by the estimator Hv from segments of a quarter of the record; they go from the first to the last line
+    at which a force rises above its noise, and over all lines where none does. Of two sensors at one degree of freedom
+    the one of that kind is taken.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]

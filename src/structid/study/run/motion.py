@@ -266,7 +266,8 @@ def segments(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) 
     records : sequence of OnDiskRecord
         Records in the order in which they are reduced.
     answer_bytes : int
-        Size of the result of one segment, in bytes; a segment holds at least five times as much, and 64 MB.
+        Size of the result of one segment, in bytes; a record is only divided into segments of at least five times as
+        much, and of 64 MB.
     done : int
         Number of samples, counted over all records, that are already reduced.
 

@@ -82,8 +82,8 @@ class Sizes:
     def matrix_free_bytes(self) -> int:
         """Estimated memory of a matrix-free search, in bytes.
 
-        It is three times the Jacobian if that is stored; else that of the response fields at all lines, of a vector for
-        each channel.
+        It is three times the Jacobian if that is stored; else that of the response fields at all lines, a vector for
+        each channel and one more.
         """
         data = 16 * self.n_lines * self.n_channels
         if data * self.n_parameters <= STORED_BYTES:
@@ -238,8 +238,8 @@ class _EnoughError(Exception):
 def expected(study: Study, n_workers: int = 1) -> tuple[ResourceNeeds, Duration]:
     """Memory that a study needs (bytes), and how long its identification takes with `n_workers` processes (s).
 
-    A search that should take less than about 20 s is tried; if it does not end in this time, or is too long to try, the
-    timed lines of the record are taken with a usual number of iterations.
+    The search is tried for up to 20 s, if an iteration should take less than 5 s. If it is not tried or does not end in
+    this time, the timed lines of the record are taken with a usual number of iterations.
 
     Raises
     ------
