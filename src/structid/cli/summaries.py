@@ -257,8 +257,8 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
             format_number(std, 2),
             format_number(std / abs(start) if start else math.nan, 2),
         )
-    held = [Text(result.assumption)] if result.assumption else []
-    return [*head, Text(rank), table, *held, *groups(identifiability), *more]
+    assumptions = [Text(result.assumption)] if result.assumption else []
+    return [*head, Text(rank), table, *assumptions, *groups(identifiability), *more]
 
 
 def _apart(result: CheckResult) -> str:

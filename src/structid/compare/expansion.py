@@ -188,7 +188,7 @@ def expand(
         if not len(rows):
             used.append(())
             continue
-        seen, given = everywhere[rows], measured[rows, r]
+        seen, entries = everywhere[rows], measured[rows, r]
         if dynamic is None:
             chosen = _distinguishable(seen, basis[r])
             carry = modes.mode_shapes[:, chosen] @ np.linalg.pinv(seen[:, chosen])
@@ -196,8 +196,8 @@ def expand(
             mass, stiffness = dynamic
             omega = 2 * np.pi * float(frequency[r])
             chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors[:, rows])
-        shapes[:, r] = carry @ given
-        residual[rows, r] = (sensors.T @ shapes[:, r])[rows] - given
+        shapes[:, r] = carry @ entries
+        residual[rows, r] = (sensors.T @ shapes[:, r])[rows] - entries
         if shape_std is not None:
             noise[rows, r] = shape_std[rows, r]
         elif chosen and len(rows) > len(chosen):
@@ -206,7 +206,7 @@ def expand(
         if model_error > 0:
             left = modes.mode_shapes - carry @ seen
             near = chosen or _distinguishable(seen, basis[r])
-            part = float((np.linalg.pinv(seen[:, near]) @ given)[0])
+            part = float((np.linalg.pinv(seen[:, near]) @ entries)[0])
             variance = variance + np.square(left) @ (part**2 * _mixing_variance(modes, near[0], model_error))
         std[:, r] = np.sqrt(variance)
         used.append(chosen)

@@ -165,7 +165,7 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     if kind is None:
         raise FileError(f"{path}: holds no displacements, velocities or accelerations; {_RUN_AGAIN}")
     table = {(case, frequency, node): values for case, frequency, node, values in _read_entries(path, lines, kind)}
-    cases, frequency, nodes = (sorted({*found}) for found in zip(*table, strict=True)) if table else ([], [], [])
+    cases, frequency, nodes = (sorted({*keys}) for keys in zip(*table, strict=True)) if table else ([], [], [])
     if len(table) != len(cases) * len(frequency) * len(nodes) or not table:
         raise FileError(
             f"{path}: points or frequencies are missing in a part of it; the file is cut short, {_RUN_AGAIN}"

@@ -128,11 +128,11 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
     others = np.setdiff1d(np.arange(len(dofs)), chosen)
     mass: dict[Powers, FloatArray] = {(): to_masters.T @ zero[0] @ to_masters}
     stiffness: dict[Powers, FloatArray] = {(): to_masters.T @ zero[1] @ to_masters}
-    at = iter(pairs)
+    remaining_pairs = iter(pairs)
     for one in differences:
-        own = [next(at) for _ in one.changes]
+        pairs_of_parameter = [next(remaining_pairs) for _ in one.changes]
         for k, table in enumerate((mass, stiffness)):
-            for power, row in enumerate(_parabola(one.changes, [pair[k] - zero[k] for pair in own]), 1):
+            for power, row in enumerate(_parabola(one.changes, [pair[k] - zero[k] for pair in pairs_of_parameter]), 1):
                 table[(one.name, power),] = to_masters.T @ row @ to_masters
     masters = tuple(dofs[i] for i in chosen)
     tie = ShapeTie(name, tuple(dofs[i] for i in others), masters, basis[others] @ to_masters)

@@ -127,11 +127,13 @@ def take_differences(
     pending = {one.name: _Step(one, centre[one.name], rules) for one in solver.deck.parameters}
     done: dict[str, Pair[R]] = {}
     for _ in range(_TRIALS):
-        asked = [(key, centre | {key: value}) for key, step in pending.items() for value in step.values(solver, centre)]
-        given, more = runs(solver, [point for _, point in asked], work)
+        points = [
+            (key, centre | {key: value}) for key, step in pending.items() for value in step.values(solver, centre)
+        ]
+        results, more = runs(solver, [point for _, point in points], work)
         counts = counts + more
         for key, step in list(pending.items()):
-            own = [(p, g) for (k, p), g in zip(asked, given, strict=True) if k == key]
+            own = [(p, g) for (k, p), g in zip(points, results, strict=True) if k == key]
             errors = [g for _, g in own if isinstance(g, RunFailedError)]
             if errors and not step.can_shrink:
                 raise errors[0]

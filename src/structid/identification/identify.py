@@ -313,14 +313,15 @@ def total_mass(
     gradient = problem.structure.mass_gradient(direction, values)
     row[0, index] = gradient @ unknown.design
     mass = problem.structure.mass_of(values, direction)
-    names = () if freed is None else freed.parameters.names
-    held = {} if freed is None else dict(zip(names, gradient @ freed.parameters.design, strict=True))
-    held = {name.removeprefix(FIXED): change for name, change in held.items() if name.startswith(FIXED)}
-    return mass, mass_deviation(row, estimate.uncertainty, held, estimate.fixed)
+    fixed_changes: dict[str, float] = {}
+    if freed is not None:
+        changes = zip(freed.parameters.names, gradient @ freed.parameters.design, strict=True)
+        fixed_changes = {name.removeprefix(FIXED): change for name, change in changes if name.startswith(FIXED)}
+    return mass, mass_deviation(row, estimate.uncertainty, fixed_changes, estimate.fixed)
 
 
 def mass_deviation(
-    row: FloatArray, covariance: Covariance, held: Mapping[str, float], fixed: FixedValueInfluence | None
+    row: FloatArray, covariance: Covariance, fixed_changes: Mapping[str, float], fixed: FixedValueInfluence | None
 ) -> float:
     """Standard deviation, kg, of a total mass that depends on parameters and fixed values.
 
@@ -332,13 +333,13 @@ def mass_deviation(
         Derivative of the mass with respect to the parameters.
     covariance : Covariance
         Covariance of the parameters, with what `fixed` adds.
-    held : mapping of str to float
+    fixed_changes : mapping of str to float
         Change of the mass for a relative change of each fixed value, kg, by its name; 0 for names that it lacks.
     fixed : FixedValueInfluence or None
         Influence of fixed values on the parameters; None where all fixed values are exact.
     """
     variance = float(covariance.variance(row)[0])
     if fixed is not None:
-        changes = np.array([held.get(name, 0.0) for name in fixed.names]) * fixed.error
+        changes = np.array([fixed_changes.get(name, 0.0) for name in fixed.names]) * fixed.error
         variance += float(changes @ changes + 2 * changes @ (row @ np.nan_to_num(fixed.slope * fixed.error))[0])
     return float(np.sqrt(max(variance, 0.0)))

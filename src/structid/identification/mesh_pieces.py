@@ -260,14 +260,15 @@ def _deviation(identification: Identification) -> FloatArray:
 
 
 def _followed_shift(
-    finer: Problem, columns: IntArray, theta: FloatArray, at: Linearization, deviations_per_theta: FloatArray
+    finer: Problem, columns: IntArray, theta: FloatArray, linearization: Linearization, deviations_per_theta: FloatArray
 ) -> FloatArray | None:
     """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
 
-    Its sum of squares has the data of `finer` and the priors of the coarser problem. None if a step does not lower it or goes too
-    far, the model cannot be evaluated, or the steps do not end; the last step, a small one, is taken unseen.
-    `at` is the linearization of the coarser problem at its minimum `theta`, whose rows of priors are kept; `columns` are the
-    positions in `theta` of the parameters of `finer`, and `deviations_per_theta` times a shift is a number of deviations.
+    Its sum of squares has the data of `finer` and the priors of the coarser problem. None if a step does not lower it
+    or goes too far, the model cannot be evaluated, or the steps do not end. The last, small step is taken unseen.
+    `linearization` is that of the coarser problem at its minimum `theta`, whose rows of priors are kept. `columns` are
+    the positions in `theta` of the parameters of `finer`, and `deviations_per_theta` times a shift is a number of
+    deviations.
     """
     total, lowest = np.zeros(len(theta)), np.inf
     sizes, slope = finer.unknowns.sizes(finer.physical(theta[columns])), finer.slope(theta[columns])
@@ -278,7 +279,7 @@ def _followed_shift(
             at_finer = finer.linearize((theta + begun)[columns])
         except (InputError, SingularModelError, np.linalg.LinAlgError):
             return None
-        jacobian, residual = at.jacobian.copy(), at.residual + at.jacobian @ begun
+        jacobian, residual = linearization.jacobian.copy(), linearization.residual + linearization.jacobian @ begun
         jacobian[: finer.n_data] = 0.0
         jacobian[: finer.n_data, columns] = at_finer.jacobian[: finer.n_data]
         residual[: finer.n_data] = at_finer.residual[: finer.n_data]

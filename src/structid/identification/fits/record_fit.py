@@ -129,7 +129,7 @@ class RecordFit:
 
 
 def record_fit(
-    title: str, measured: FrfRecord, problem: FrfProblem, own: FittedUnknowns, options: IdentifyOptions
+    title: str, measured: FrfRecord, problem: FrfProblem, fitted: FittedUnknowns, options: IdentifyOptions
 ) -> RecordFit:
     """Initial and identified model beside one record of responses: FRFs, modes and resonances.
 
@@ -141,23 +141,25 @@ def record_fit(
         Record with all lines.
     problem : FrfProblem
         Problem of the lines that were used.
-    own : FittedUnknowns
+    fitted : FittedUnknowns
         Free variables, values and initial values of the problem's parameters.
     options : IdentifyOptions
         Their evaluation band has the lines on which the fit is judged, by default those that were used; `n_modes` modes
         are computed.
     """
-    before, after = (problem.property_values(values) for values in (own.initial, own.values))
+    before, after = (problem.property_values(values) for values in (fitted.initial, fitted.values))
 
     def beside(record: FrfRecord) -> PredictedLines:
-        return PredictedLines(record, *(problem.predicted_on(record, values) for values in (own.initial, own.values)))
+        return PredictedLines(
+            record, *(problem.predicted_on(record, values) for values in (fitted.initial, fitted.values))
+        )
 
     used = beside(problem.record)
     judged = used if options.evaluation_band is None else beside(measured.band(*options.evaluation_band))
     return RecordFit(
         name=title,
         problem=problem,
-        theta=own.theta,
+        theta=fitted.theta,
         measured=measured,
         used=used,
         judged=judged,

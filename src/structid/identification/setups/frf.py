@@ -154,8 +154,10 @@ class Setup(RecordSetup[FrfProblem]):
         inside = (solved > unknown.transforms.lower) & (solved < unknown.transforms.upper)
         return problem.with_parameters(unknown.started_at(np.where(inside, solved, unknown.start)))
 
-    def response_fit(self, title: str, problem: FrfProblem, own: FittedUnknowns, options: IdentifyOptions) -> RecordFit:
-        return record_fit(title, self.record, problem, own, options)
+    def response_fit(
+        self, title: str, problem: FrfProblem, fitted: FittedUnknowns, options: IdentifyOptions
+    ) -> RecordFit:
+        return record_fit(title, self.record, problem, fitted, options)
 
 
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:

@@ -141,8 +141,10 @@ class ModalSetup(RecordSetup[ModalProblem]):
         span = f"{record.frequency[0]:.5g} to {record.frequency[-1]:.5g} Hz"
         return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors{record.unknown_words}, {record.source}"
 
-    def modal_fit(self, title: str, problem: ModalProblem, own: FittedUnknowns, options: IdentifyOptions) -> ModalFit:
-        return modal_fit(title, problem, own, options.n_modes)
+    def modal_fit(
+        self, title: str, problem: ModalProblem, fitted: FittedUnknowns, options: IdentifyOptions
+    ) -> ModalFit:
+        return modal_fit(title, problem, fitted, options.n_modes)
 
 
 def chosen_modes(record: ModalRecord, numbers: Sequence[int]) -> ModalRecord:

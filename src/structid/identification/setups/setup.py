@@ -138,11 +138,13 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         """The problem of averaged FRFs that shows the fit of histories; None where the record shows it itself."""
         return None
 
-    def response_fit(self, title: str, problem: P, own: FittedUnknowns, options: IdentifyOptions) -> RecordFit | None:
+    def response_fit(
+        self, title: str, problem: P, fitted: FittedUnknowns, options: IdentifyOptions
+    ) -> RecordFit | None:
         """The answer beside its responses, where it has some."""
         return None
 
-    def modal_fit(self, title: str, problem: P, own: FittedUnknowns, options: IdentifyOptions) -> ModalFit | None:
+    def modal_fit(self, title: str, problem: P, fitted: FittedUnknowns, options: IdentifyOptions) -> ModalFit | None:
         """The answer beside its modes, where it has some."""
         return None
 

@@ -269,10 +269,10 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return forward.identify_time(self.structure, self.parameters, self.record, chosen, work, progress)
 
     def response_fit(
-        self, title: str, problem: RecordProblem, own: FittedUnknowns, options: IdentifyOptions
+        self, title: str, problem: RecordProblem, fitted: FittedUnknowns, options: IdentifyOptions
     ) -> RecordFit:
         """The fitted model beside averaged FRFs of the record."""
-        return record_fit(title, self._averaged.frfs, self.shown_problem(options, problem.channels), own, options)
+        return record_fit(title, self._averaged.frfs, self.shown_problem(options, problem.channels), fitted, options)
 
     @cached_property
     def _averaged(self) -> AveragedHistories:

@@ -383,8 +383,8 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
             f"{join_words(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
         )
     directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
-    told = {*directions[1:], *(f"the data determine {name} not at all" for name in away)}
-    lines.extend(as_sentence(words) for words in acts if words in of_estimate and words not in told)
+    told_by_verdict = {*directions[1:], *(f"the data determine {name} not at all" for name in away)}
+    lines.extend(as_sentence(words) for words in acts if words in of_estimate and words not in told_by_verdict)
     if words := resting_words(diagnosis.sensitivities):
         lines.append(as_sentence(words))
     return tuple(dict.fromkeys(lines))

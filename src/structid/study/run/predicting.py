@@ -203,7 +203,7 @@ def predict_stored(
             pushed = _noise_history(model.structure, outputs, options.duration, options.sampling_rate, options)
             history, maxima = of(pushed, Maxima(pushed))
             words.append(f"history and maxima under one sample of it (seed {options.seed})")
-    told = tuple(change.words for change in changes)
+    change_words = tuple(change.words for change in changes)
     modes, *shares = of(NaturalModes(options.modes), *(ModalParticipation(axis, options.modes) for axis in axes))
     return StudyPrediction(
         folder,
@@ -212,7 +212,7 @@ def predict_stored(
         frf,
         history,
         maxima,
-        told,
+        change_words,
         spectrum,
         mean,
         largest,

@@ -197,10 +197,10 @@ def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, 
     A `warning` that is not "" becomes the first one. If the mesh `is_fine`, as it changes no value or the record was
     made with it, warnings on modes that the mesh shifts are removed.
     """
-    found, words = result.identification, "; ".join(clause for clause in clauses if clause)
-    kept = [one for one in found.warnings if not (is_fine and one.startswith(MESH_ERROR))]
+    identification, words = result.identification, "; ".join(clause for clause in clauses if clause)
+    kept = [one for one in identification.warnings if not (is_fine and one.startswith(MESH_ERROR))]
     warnings = (*([warning] if warning else []), *kept)
-    return replace(result, identification=replace(found, mesh=words, warnings=warnings))
+    return replace(result, identification=replace(identification, mesh=words, warnings=warnings))
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
@@ -209,11 +209,11 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
     Beams are cut as the study says. The result is unchanged, without a check, where modes alone are compared, no
     element can be cut, or the structure has more than 300 degrees of freedom.
     """
-    found, structure = result.identification, ready.study.structure
-    of_modes = all(compares_modes(problem) for problem in found.problems)  # `mesh_warnings` looks at these
+    identification, structure = result.identification, ready.study.structure
+    of_modes = all(compares_modes(problem) for problem in identification.problems)  # `mesh_warnings` looks at these
     if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
         return result
-    mesh = judge_pieces(ready.setups, found, ready.study.options, structure.subdivide)
+    mesh = judge_pieces(ready.setups, identification, ready.study.options, structure.subdivide)
     return _with_mesh_words(result, (), mesh.warning if mesh.moved >= MOVED else "", False)
 
 

@@ -257,10 +257,10 @@ def limit_to_bounds(solved: SolvedModel, name: str, value: float) -> float:
 
     The present value is that in `solved`, about which differences were taken; they say little of what is farther away.
     """
-    at = solved.at[name]
+    present = solved.at[name]
     low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)
-    far = _FARTHEST * abs(at) or np.inf
-    return float(np.clip(value, max(low, at - far), min(high, at + far)))
+    far = _FARTHEST * abs(present) or np.inf
+    return float(np.clip(value, max(low, present - far), min(high, present + far)))
 
 
 def tables(study: Study, values: Mapping[str, float | None], step: float | None = None) -> Tables:

@@ -311,8 +311,9 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
     """
     wanted: Any = tomlkit.value(value)
     there = [block.path + key for block in blocks_of(text) for key in block.pairs]
-    for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):
-        text = _without_key(text, key)
+    for key in there:
+        if key[: len(path)] == path and key[len(path)] not in wanted:
+            text = _without_key(text, key)
     for name, one in wanted.items():
         text = _with_value(text, (*path, str(name)), one.as_string())
     return text
@@ -326,13 +327,13 @@ def _changed_inline(text: str, span: _Span, keys: KeyPath, value: str | None) ->
     """
     whole: Any = tomlkit.value(text[span.value : span.end])
     try:
-        held = whole
+        container = whole
         for part in keys[:-1]:
-            held = held[part]
+            container = container[part]
         if value is None:
-            del held[keys[-1]]
+            del container[keys[-1]]
         else:
-            held[keys[-1]] = tomlkit.value(value)
+            container[keys[-1]] = tomlkit.value(value)
     except (LookupError, TypeError):
         raise InputError(
             f"{_words(keys)}: is not in {text[span.value : span.end]!r} and cannot be put there; edit the study file"
