@@ -15,7 +15,7 @@ from written_reports import Report
 import structid as si
 from structid.identification.identified import Identification
 from structid.report import write_report
-from structid.report.drawing.changes import Change, look, shading, shadings
+from structid.report.drawing.changes import Change, element_style, shading, shadings
 from structid.report.drawing.drawing import Label, place_without_overlap, structure_picture
 from structid.report.drawing.palette import DIVERGING, steps
 from structid.report.figures.modes import mode_rows
@@ -149,8 +149,8 @@ def test_elements_carry_the_change_of_their_parameter(cantilever: Report) -> Non
         assert shown["stiffness"].changes["beam", e].ratio == pytest.approx(value / 80.0 - 1, abs=1e-12)
     assert shown["stiffness"].changes["beam", 2].ratio == pytest.approx(-0.25, abs=0.02)  # 1 % noise
     assert shown["stiffness"].scale.high == 0.3
-    assert not look(shown["stiffness"], "beam", 2).is_doubtful
-    assert not look(shown["stiffness"], "nothing", 0).is_unknown
+    assert not element_style(shown["stiffness"], "beam", 2).is_doubtful
+    assert not element_style(shown["stiffness"], "nothing", 0).is_unknown
 
 
 def test_drawing_of_the_frame_has_its_sensors_in_their_sense() -> None:
@@ -257,8 +257,8 @@ def test_a_change_within_its_interval_has_the_colour_of_none() -> None:
     shade = shading("stiffness", changes, 0.5)
     none, far = shade.scale.colour(0.0), shade.scale.colour(0.3)
     assert none != far
-    assert [look(shade, "k", i).colour for i in range(3)] == [none, far, far]
-    assert [look(shade, "k", i).is_doubtful for i in range(3)] == [False, False, True]
+    assert [element_style(shade, "k", i).colour for i in range(3)] == [none, far, far]
+    assert [element_style(shade, "k", i).is_doubtful for i in range(3)] == [False, False, True]
 
 
 def test_changes_are_significant_where_the_interval_leaves_the_initial_value_out(cantilever: Report) -> None:

@@ -46,7 +46,7 @@ def without_causes(
 
     `find_disagreements` returns the parts of the data that do not agree, where they decide.
     """
-    judgement = judged(identification, untried=why, held=sensitivities, find_disagreements=find_disagreements)
+    judgement = judged(identification, untried=why, sensitivities=sensitivities, find_disagreements=find_disagreements)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
 
 

@@ -191,15 +191,15 @@ def effect_of_release(
     return change
 
 
-def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArray) -> ComplexArray:
-    """FRFs of one channel if it read the motions `ways` (n, n_dofs) instead, (n, n_lines, n_others).
+def channel_reading(receptances: Receptances, axis: int, index: int, motions: FloatArray) -> ComplexArray:
+    """FRFs of one channel if it read the `motions` (n, n_dofs) instead, (n, n_lines, n_others).
 
-    Each row of `ways` weighs the free degrees of freedom. The channel is the output of index `i`, from 0, for `axis` 1,
+    Each row of `motions` weighs the free degrees of freedom. The channel is the output of `index`, from 0, for `axis` 1,
     or the input for `axis` 2; n_others counts the channels of the other side.
     """
     under = receptances.under_loads if axis == 1 else receptances.under_sensors
-    factor = np.broadcast_to(receptances.factor, receptances.frf.shape).take(i, axis)
-    reading: ComplexArray = np.swapaxes(ways @ under, 0, 1) * factor
+    factor = np.broadcast_to(receptances.factor, receptances.frf.shape).take(index, axis)
+    reading: ComplexArray = np.swapaxes(motions @ under, 0, 1) * factor
     return reading
 
 

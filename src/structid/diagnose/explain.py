@@ -169,7 +169,7 @@ def _diagnose_explained(
         accepted,
         explanation.tried,
         lowering,
-        held=sensitivities,
+        sensitivities=sensitivities,
         is_asked=is_asked,
         find_disagreements=find_disagreements,
     )

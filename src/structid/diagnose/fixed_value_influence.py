@@ -119,24 +119,24 @@ def _percent(part: float) -> str:
     return f"{abs(100 * part):.2g} % {'larger' if part > 0 else 'smaller'}"
 
 
-def doubted(held: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
+def doubted(sensitivities: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
     """The fixed values for which the record prefers other values (`is_doubted`): what a clock explains, then the clearest first."""
-    found = [one for one in held if one.is_doubted(len(held))]
+    found = [one for one in sensitivities if one.is_doubted(len(sensitivities))]
     return tuple(sorted(found, key=lambda one: (not one.is_like_clock, -abs(one.pull / one.pull_std))))
 
 
-def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
+def resting(sensitivities: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
     """Fixed values in order of influence, the largest first: the change of a parameter per 1 %, in its standard deviations."""
-    return sorted(held, key=lambda one: -abs(one.distance[one.most_moved]))
+    return sorted(sensitivities, key=lambda one: -abs(one.distance[one.most_moved]))
 
 
-def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
-    """Clause on the fixed value in `held` that the intervals depend on most; "" where none matters.
+def resting_words(sensitivities: Sequence[FixedValueSensitivity]) -> str:
+    """Clause on the fixed value in `sensitivities` that the intervals depend on most; "" where none matters.
 
     A fixed value matters if 1 % of it moves a parameter by half a standard deviation or more; others that do are
     counted.
     """
-    most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
+    most = [one for one in resting(sensitivities) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
     if not most:
         return ""
     first = most[0]
@@ -147,9 +147,9 @@ def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
     )
 
 
-def is_clear(held: Sequence[FixedValueSensitivity]) -> bool:
+def is_clear(sensitivities: Sequence[FixedValueSensitivity]) -> bool:
     """True if a fixed value is doubted at a risk of 0.001, so clearly that a full search for causes is due."""
-    return any(one.is_doubted(len(held), CLEAR_DOUBT_RISK) for one in held)
+    return any(one.is_doubted(len(sensitivities), CLEAR_DOUBT_RISK) for one in sensitivities)
 
 
 def influences(

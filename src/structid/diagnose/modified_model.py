@@ -332,7 +332,15 @@ class ModifiedModel:
         return self._best_fit(self.target, FINAL, starts)
 
     def fitted_on_fewer_lines(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The minimum as of `fitted`, but on the lines of `coarse`: where a full fit may start."""
+        """Minimum of least cost among fits of `self.coarse`, the model on fewer lines, from each of `starts`.
+
+        Starts are (n_params,) free variables; a full fit may start at the minimum.
+
+        Raises
+        ------
+        StructidError
+            If the fits fail from all starts.
+        """
         return self._best_fit(self.coarse.target, _COARSE, starts)
 
     def _best_fit(self, problem: Problem, method: LevenbergMarquardt, starts: Sequence[FloatArray]) -> Minimum:

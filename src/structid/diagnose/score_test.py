@@ -221,32 +221,43 @@ class Point:
         return screenings
 
     def _closer(
-        self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening]
+        self, candidates: Sequence[Candidate], screenings: Sequence[_CandidateScreening]
     ) -> list[_CandidateScreening]:
-        """First screenings `looks` of candidates, in their order, with further strengths appended.
+        """First `screenings` of candidates, in their order, with further strengths appended.
 
         These are the strengths that were skipped, then 0.5, 1 and 2 times the strength by the slope, and 0.75 and 1.35
         times the best one, within bounds. Unchanged for candidates with one strength.
         """
         others = [candidate.strengths[1::2] for candidate in candidates]
-        looks = self._with_strengths(candidates, looks, others)
+        screenings = self._with_strengths(candidates, screenings, others)
         near = []
-        for candidate, look in zip(candidates, looks, strict=True):
+        for candidate, screening in zip(candidates, screenings, strict=True):
             low, high = candidate.bounds
-            best = look.best(candidate)
-            about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
+            best = screening.best(candidate)
+            about = (
+                0.5 * screening.step,
+                screening.step,
+                2 * screening.step,
+                0.75 * best.strength,
+                1.35 * best.strength,
+            )
             few = about if len(candidate.strengths) > 1 else ()
             near.append(np.array([q for q in few if low < q < high and q]))
-        return self._with_strengths(candidates, looks, near)
+        return self._with_strengths(candidates, screenings, near)
 
     def _with_strengths(
-        self, candidates: Sequence[Candidate], looks: Sequence[_CandidateScreening], strengths: Sequence[FloatArray]
+        self,
+        candidates: Sequence[Candidate],
+        screenings: Sequence[_CandidateScreening],
+        strengths: Sequence[FloatArray],
     ) -> list[_CandidateScreening]:
-        """The screenings `looks` with further `strengths` of each candidate, (n,) or empty, and their misfits appended."""
+        """The `screenings` with further `strengths` of each candidate, (n,) or empty, and their misfits appended."""
         changed = self._residuals_off_parameters(candidates, strengths)
         return [
-            look._replace(strengths=np.append(look.strengths, more), left=np.append(look.left, _squares(off)))
-            for look, more, off in zip(looks, strengths, changed, strict=True)
+            screening._replace(
+                strengths=np.append(screening.strengths, more), left=np.append(screening.left, _squares(off))
+            )
+            for screening, more, off in zip(screenings, strengths, changed, strict=True)
         ]
 
     @cached_property

@@ -254,8 +254,8 @@ def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
     Each leaves, by a linear step at the start of the parameters, less than half of the misfit there. `points` are the
-    linearized problems of the screening, of which the first, that at the start, is used for large models; empty for
-    modes.
+        linearized problems of the screening, of which the first, that at the start, is used for large models. The set
+        is empty for measured modes.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -333,14 +333,14 @@ def _by_modes(
 
 
 def _screen_candidates(
-    looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: TaskContext
+    points_and_names: tuple[Sequence[Point], Sequence[str]], number: int, tools: TaskContext
 ) -> dict[str, FloatArray]:
     """Best strength and misfit with it of all candidates at one point, as arrays ``strength`` and ``left``.
 
-    Both are (n_candidates,). `looks` are all linearized problems and the names of the records, `number` is the index of
-    the problem, from 0. `tools` is not used.
+    Both are (n_candidates,). `points_and_names` are the linearized models and the names of the records, `number` is the
+        index of the model, from 0. `tools` is not used.
     """
-    points, names = looks
+    points, names = points_and_names
     point = points[number]
     rows = point.screened(point.candidates(names))
     return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}

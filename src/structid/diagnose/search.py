@@ -434,9 +434,9 @@ def _beside(first: FittedModel, work: TaskExecutor, which: str, budget: SearchBu
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """Position of the first change with the same kind, strength and misfit, for each screened one.
+    """Index of the first row that has the same kind of candidate, strength and misfit, for each of `rows`.
 
-    It is its own position if no change before it is alike.
+    It is the row's own index if no row before it is alike. Strengths and misfits are compared with ten digits.
     """
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
@@ -503,9 +503,10 @@ def _refits(
     alike: Sequence[int] | None = None,
     budget: SearchBudget = UNLIMITED,
 ) -> list[FittedModel]:
-    """Full fits of changes as far as they succeed, in the order of `items`; see `_refits_in_time`.
+    """Full fits of changes, in the order of `items`, without those that fail or for which `budget` leaves no time.
 
-    An item is a candidate, its strength and the free variables at which its fit starts.
+    An item is a candidate, its strength and the free variables at which its fit starts. `alike` holds, for each item,
+    the index of the first one that may have the same fit; None if all differ. `name` is the stage in messages.
     """
     return _refits_in_time(base, items, work, name, alike, budget)[0]
 
@@ -609,8 +610,8 @@ def _begun(
 ) -> list[RefitTask]:
     """Items (candidate, strength, free variables at the start) of the `changes` that the model allows, in their order.
 
-    `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say. Others are
-    left out.
+    `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say. Changes
+        that the model does not allow are left out.
     """
     items: list[RefitTask] = []
     for candidate, strength in changes:

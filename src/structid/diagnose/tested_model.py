@@ -177,7 +177,7 @@ class ModelDraft:
         ]
 
     def is_kept(self, number: int) -> bool:
-        """True if the record at a position of the model is still there."""
+        """True if the record at index `number` of the model as it was is still in the draft."""
         return any(record.setup is self.model.setups[number] for record in self.records)
 
     @property

@@ -372,7 +372,7 @@ def judged(
     n_tried: int = 0,
     suggestions: Sequence[Cause] = (),
     untried: str = "",
-    held: Sequence[FixedValueSensitivity] = (),
+    sensitivities: Sequence[FixedValueSensitivity] = (),
     is_asked: bool = False,
     find_disagreements: Callable[[], tuple[Disagreement, ...]] | None = None,
 ) -> Judgement:
@@ -390,7 +390,7 @@ def judged(
         Where there is no cause: the changes that lower the misfit most.
     untried : str
         Reason why no changes were tried, added to the words where the misfit is beyond noise; "" for none.
-    held : sequence of FixedValueSensitivity
+    sensitivities : sequence of FixedValueSensitivity
         Fixed values with the sensitivity of the answer to them.
     is_asked : bool
         True if the record of an answer within its noise asks for the `suggestions` beyond chance.
@@ -402,7 +402,7 @@ def judged(
     if is_asked and is_sound(identification):
         given = _asked_for(suggestions)
     else:
-        given = _judged(identification, causes, n_tried, suggestions, doubted(held), find_disagreements)
+        given = _judged(identification, causes, n_tried, suggestions, doubted(sensitivities), find_disagreements)
     is_open = identification.alternatives is not None or given.verdict == "untested"
     if untried and not is_open and not fits_noise(identification):
         given = replace(given, words=f"{given.words} {as_sentence(untried)}", reasons=(*given.reasons, untried))

@@ -151,7 +151,7 @@ def settled_strengths(
 
 
 def _later(progress: Progress, done: int, iteration: int, cost: float) -> None:
-    """Progress of a fit after so many iterations of those before it."""
+    """Report to `progress` an iteration, counted on from the `done` ones of earlier fits, and its sum of squares."""
     progress(done + iteration, cost)
 
 

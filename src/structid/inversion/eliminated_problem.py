@@ -86,11 +86,11 @@ class EliminatedProblem(Problem):
         return DataRows(numbers, np.zeros_like(numbers))
 
     def changes(self, theta: FloatArray) -> FloatArray:
-        """Changes of the unknowns from the start, (n_params,)."""
+        """Changes (n_params,) of the unknowns from their starts, in their own units, at free variables `theta`."""
         return np.asarray((theta - 1) * self.sizes)
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """One row, whose square is the sum of squares."""
+        """Residual (1,) at free variables `theta`: the root of the sum of squares, infinite without a model."""
         return np.array([np.sqrt(self.cost(self.changes(theta)))])
 
     def linearize(self, theta: FloatArray) -> Linearization:

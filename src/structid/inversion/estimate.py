@@ -403,7 +403,10 @@ class Estimate(Shown):
         return normal_intervals(self.parameters, self.std, self.identified, level)
 
     def may_be_absent(self, level: float = 0.95) -> np.ndarray:
-        """True for identified positive parameters not significantly different from 0, (n_params,) bool."""
+        """True for identified positive parameters not significantly different from 0, (n_params,) bool.
+
+        `level` is the probability of the interval that would have to exclude 0.
+        """
         return may_be_absent(self.parameters, self.std, self.identified, level)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:

@@ -177,9 +177,10 @@ def explained_part(chi_square: float, least: float, expected: float) -> float:
 
 
 def widen_changes(changes: FloatArray, errors: FloatArray, wider: FloatArray) -> FloatArray:
-    """Changes (n_params, n_fixed) of parameters for one of `errors`, as those for one of `wider`, (n_fixed,) each.
+    """Changes (n_params, n_fixed) of parameters by errors `wider` of fixed values, from `changes` by errors `errors`.
 
-    Columns without an error, such as that of second order, stay.
+    Each column is in proportion to the error of its fixed value; errors are (n_fixed,). Columns with an error of 0,
+    such as the one of second order, stay.
     """
     has_error = errors > 0
     return np.asarray(changes * np.where(has_error, wider / np.where(has_error, errors, 1.0), 1.0))

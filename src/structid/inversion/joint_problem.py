@@ -299,7 +299,7 @@ class JointUnknowns:
         return _first_of_each(self, [part.reach for part in self.parts])
 
     def split(self, values: FloatArray) -> list[FloatArray]:
-        """Values of the unknowns of each part, from one value for each of all unknowns."""
+        """Values of the unknowns of each problem, in the order of the problems, from joint `values` (n_params, ...)."""
         return [values[index] for index in self.columns]
 
 

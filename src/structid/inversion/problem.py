@@ -37,11 +37,11 @@ class Unknowns(Protocol):
     def theta_start(self) -> FloatArray: ...
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        """Physical parameters, (n_params,)."""
+        """Values (n_params,) of the parameters in physical units at free variables `theta` (n_params,)."""
         ...
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        """Derivative of each physical parameter with respect to its own free variable, (n_params,)."""
+        """Derivative (n_params,) of each physical parameter with respect to its own free variable, at `theta`."""
         ...
 
     def sizes(self, physical: FloatArray) -> FloatArray:
@@ -141,9 +141,9 @@ class NoiseLaw(Protocol):
         ...
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        """Covariance of J'r over repeats of the data, (n_params, n_params), with the data rows J of the Jacobian.
+        """Covariance (n_params, n_params) of J'r over repeats of the data, with J `jacobian` (n_data, n_params).
 
-        None for J'J, as rows of independent errors of known variance have.
+        None where it is J'J, as for rows with independent errors of known variance.
         """
         ...
 
@@ -203,22 +203,22 @@ class Problem(metaclass=ABCMeta):
         """The residual and its Jacobian with respect to the free variables."""
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
-        """The residual and products with its Jacobian, which is not formed.
+        """Residual at free variables `theta` (n_params,), and products with its Jacobian, which is not formed.
 
         Raises
         ------
         InputError
-            If the problem has none.
+            If the problem has no such products, as by default.
         """
         raise InputError(f"a matrix-free search {NO_PRODUCTS}; take a search with a Jacobian")
 
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """Residual (n_priors,) of the priors and its derivative, sparse (n_priors, n_params)."""
+        """Residual (n_priors,) of the priors at `theta` (n_params,), and its sparse derivative (n_priors, n_params)."""
         linearization = self.linearize(theta)
         return linearization.residual[self.n_data :], sparse.csr_array(linearization.jacobian[self.n_data :])
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
-        """Law of the errors of the data rows; independent and of unit variance by default."""
+        """Law of the errors of the data rows at free variables `theta`; independent of unit variance by default."""
         return RowNoise(self.rows.averages)
 
     @property
@@ -232,11 +232,11 @@ class Problem(metaclass=ABCMeta):
         return self.unknowns.theta_start
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        """Physical parameters, (n_params,)."""
+        """Values (n_params,) of the parameters in physical units at free variables `theta` (n_params,)."""
         return self.unknowns.physical(theta)
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        """Derivative of each physical parameter with respect to its own free variable, (n_params,)."""
+        """Derivative (n_params,) of each physical parameter with respect to its own free variable, at `theta`."""
         return self.unknowns.slope(theta)
 
     @property

@@ -120,10 +120,11 @@ class LocalFit:
 
 
 def log_evidence(model: LocalModel, strengths: tuple[float, ...]) -> float:
-    """Logarithm of the marginal likelihood of the data, with the penalties as Gaussian priors of these `strengths`.
+    """Logarithm of the marginal likelihood of the data, with the penalties as Gaussian priors.
 
-    It is -1/2 [n log 2 pi + |r|^2 + sum_k l_k |x_k|^2 - log pdet(P) + log det(J'J + P)] with P the information of all
-    penalties, l_k the strengths and x_k the penalty rows. A constant from directions without a prior is left out.
+    `strengths` has one strength for each penalty of the model. The logarithm is -1/2 [n log 2 pi + |r|^2 + sum_k l_k
+    |x_k|^2 - log pdet(P) + log det(J'J + P)] with P the information of all penalties, l_k the strengths and x_k the
+    penalty rows. A constant from directions without a prior is left out.
 
     References
     ----------

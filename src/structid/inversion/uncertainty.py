@@ -388,7 +388,7 @@ def effective_parameters(linearization: Linearization, n_data: int) -> float:
 
 
 def basis(misfit: bool) -> str:
-    """Which covariance counts where the fit misses the noise or not."""
+    """Covariance that counts: "model_error" if the fit misses the noise, `misfit`, else "noise"."""
     return "model_error" if misfit else "noise"
 
 
@@ -398,11 +398,17 @@ def misfits(problem: Problem, theta: FloatArray, linearization: Linearization, p
 
 
 def relative_jacobian(problem: Problem, theta: FloatArray, linearization: Linearization) -> FloatArray:
-    """Data rows of the Jacobian with respect to relative changes of the physical parameters."""
+    """Data rows (n_data, n_params) of the Jacobian with respect to relative changes of the physical parameters.
+
+    `theta` (n_params,) are the free variables at which `linearization` was made.
+    """
     return linearization.jacobian[: problem.n_data] * relative_steps(problem, theta)
 
 
 def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:
-    """Changes of the free variables that change each physical parameter by its size, (n_params,); 0 where none does."""
+    """Changes (n_params,) of free variables that change each parameter by its size, at `theta` (n_params,).
+
+    They are those of a linear step; 0 for a parameter that its free variable does not move.
+    """
     sizes, slope = problem.unknowns.sizes(problem.physical(theta)), problem.slope(theta)
     return np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)

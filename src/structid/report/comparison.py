@@ -101,7 +101,7 @@ def comparison_text(result: ComparisonResult) -> list[RenderableType]:
 
 
 def _probability(value: float) -> str:
-    """Two digits; what is below one in a million million is told as that."""
+    """Probability as text with two digits; "< 10⁻¹²" below that."""
     return f"< 10{chr(0x207B)}¹²" if value < 1e-12 else number(value, 2)
 
 

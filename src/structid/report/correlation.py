@@ -147,7 +147,10 @@ def channels_table(correlation: StudyCorrelation) -> Table:
 
 
 def summary_words(correlation: ModesCorrelation) -> str:
-    """Sentence, without a full stop, that sums up measured and model modes: pairs, largest frequency difference, least MAC."""
+    """Sentence, without a full stop, on measured and model modes: pairs, largest frequency difference and least MAC.
+
+    Where no mode is paired, it says only that.
+    """
     if not correlation.n_paired:
         return f"None of {plural(correlation.measured.n_modes, 'measured mode')} matches a mode of the model"
     paired = correlation.pairing.paired
@@ -161,7 +164,10 @@ def summary_words(correlation: ModesCorrelation) -> str:
 
 
 def frac_words(correlation: ResponsesCorrelation) -> str:
-    """Sentence, without a full stop, that sums up measured and model responses: range in Hz, median and least FRAC."""
+    """Sentence, without a full stop, on measured and model responses: range in Hz, median and least FRAC.
+
+    Where no FRAC is finite, it says that the model does not respond where the record does.
+    """
     values = correlation.frac[np.isfinite(correlation.frac)]
     if not values.size:
         return "No function of the model responds where the record does"

@@ -196,7 +196,7 @@ def next_lines(plan: Plan) -> list[str]:
 
 
 def places(dofs: tuple[Dof, ...]) -> str:
-    """Degrees of freedom joined by commas, at most a dozen."""
+    """Names of the first twelve of `dofs`, joined by commas, and how many more there are."""
     return join_words(dofs, _MOST_PLACES)
 
 

@@ -291,7 +291,7 @@ async def _lines(bench: Workbench, request: Request) -> Response:
     """Answer with ``lines``, the first 12 lines of a text file, each cut after 400 characters.
 
     Of the file 20 kB are read. The body names the ``record`` and may name the ``encoding``, UTF-8 by default; signs
-    that it does not have are replaced.
+    that it does not have are replaced. `InputError` for an unknown encoding.
     """
     body = await request.json()
     path, encoding = bench.opened.inside(body["record"]), str(body.get("encoding") or "utf-8")

@@ -203,7 +203,10 @@ class Runs:
         return (Run(self.opened, path) for path in self._folders()[:_MOST_RUNS])
 
     def _folders(self) -> list[Path]:
-        """Folders of all runs that have a ``run.json``, newest first; links are left out."""
+        """Folders of all runs that have a ``run.json``, newest first; links are left out.
+
+        Empty if the folder of runs is missing, a link, or cannot be read.
+        """
         holder = self.opened.root / OWN
         folder = holder / "runs"
         if holder.is_symlink() or folder.is_symlink():

@@ -95,7 +95,8 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one ASGI request: refuse it with a message, or pass it on with ``scope["opened"]``, the folder of its token.
 
-        Bodies may have 2 MB, uploads (PUT) 4 GB.
+        Bodies may have 2 MB, uploads (PUT) 4 GB. A request without a valid token is refused by 403, a larger body by
+        413. Connections other than HTTP are dropped.
         """
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
@@ -218,7 +219,7 @@ class DeadlineProtocol(H11Protocol):
     _waiting: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """A connection, whose first request is awaited."""
+        """Take a new connection over `transport` and start the time within which its first request has to arrive."""
         super().connection_made(transport)
         self._await_headers()
 

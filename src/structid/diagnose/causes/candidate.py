@@ -92,7 +92,7 @@ class Candidate(metaclass=ABCMeta):
         """Clause that states the change; `value` is the fitted value of its parameter, None where it has none."""
 
     def named_kind(self, value: float | None) -> str:
-        """Name of the kind in results."""
+        """Name of the kind in results: `self.result_kind`, or `self.kind` if that is empty; `value` is not used."""
         return self.result_kind or self.kind
 
     @property

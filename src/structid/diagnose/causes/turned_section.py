@@ -105,7 +105,7 @@ def _makes_a_difference(element: SpaceBeam, structure: Structure, parameters: Pa
 
 
 def _columns(element: str, name: str, structure: Structure, parameters: Parameters) -> FloatArray:
-    """Part of each parameter in the values of a property of the element set, (n_elements, n_params)."""
+    """Derivative (n_elements, n_params) of the values of property `name` of the set `element` by each parameter."""
     item = next(one for one in structure.properties if (one.element, one.term.property) == (element, name))
     return np.asarray(parameters.design.tocsr()[item.values].toarray())
 

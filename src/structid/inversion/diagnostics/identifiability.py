@@ -331,20 +331,20 @@ def _sets_by_variance_proportions(condition: FloatArray, proportions: FloatArray
     return [members for members in sets if len(members) > 1]
 
 
-def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
+def _group(members: list[int], correlation: FloatArray, directions: _Directions, noise_scale: float) -> CollinearGroup:
     """Collinear group of the parameters with indices `members`, with its standard deviations and a sentence.
 
-    All other parameters count as unknown too. `correlation` (n_params, n_params) is the matrix of all parameters, `of`
-    holds their names, Jacobian and singular directions, and `noise_scale` multiplies the noise.
+    All other parameters count as unknown too. `correlation` (n_params, n_params) is the matrix of all parameters,
+    `directions` holds their names, Jacobian and singular directions, and `noise_scale` multiplies the noise.
     """
-    others = [i for i in range(len(of.names)) if i not in members]
-    triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
+    others = [i for i in range(len(directions.names)) if i not in members]
+    triangle = np.asarray(np.linalg.qr(directions.jacobian[:, others + members], mode="r"))
     root = triangle[len(others) :, len(others) :] / noise_scale
     inverse = np.linalg.inv(root)
     alone, others_known = np.linalg.norm(inverse, axis=1), 1 / np.linalg.norm(root, axis=0)
-    named = tuple(of.names[i] for i in members)
+    named = tuple(directions.names[i] for i in members)
     smallest = float(np.abs(correlation[np.ix_(members, members)]).min())
-    index = float(of.condition[int(np.argmax(of.proportions[:, members].sum(axis=1)))])
+    index = float(directions.condition[int(np.argmax(directions.proportions[:, members].sum(axis=1)))])
     caveat = "" if noise_scale == 1.0 else " (were the model's errors independent from line to line)"
     if len(members) == 2:
         pair = float(correlation[members[0], members[1]])

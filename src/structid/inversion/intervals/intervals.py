@@ -125,7 +125,10 @@ _ENDS: LoadedByKey[Callable[[Problem, Estimate, float, int, TaskExecutor], Inter
 
 
 def laplace_ends(problem: Problem, estimate: Estimate, level: float, seed: int, work: TaskExecutor) -> IntervalEnds:
-    """Interval ends from the covariance of the estimate, and no notes."""
+    """Interval ends (n_params, 2) at the probability `level` from the covariance of the estimate, and no warnings: ().
+
+    `problem`, `seed` and `work` are not used.
+    """
     return estimate.interval(level), ()
 
 

@@ -92,7 +92,11 @@ class BlockFit:
         return np.asarray(self.residual_variance * inverse)
 
     def standard_deviations(self) -> FloatArray:
-        """Standard deviation of every parameter, (n_params,): O(n_params) in a band, a solve each on a wider mesh."""
+        """Standard deviation (n_params,) of every parameter in physical units; NaN for undetermined ones.
+
+        NaN everywhere without degrees of freedom. It takes O(n_params) operations in a band, a solve each on a wider
+        mesh.
+        """
         variances = self._factor.diagonal() * self._scale**2 * self.residual_variance
         return np.where(np.isnan(self.values), np.nan, np.sqrt(variances))
 

@@ -167,7 +167,10 @@ def no_rows(columns: IntArray, n_params: int) -> StreamingQr:
 
 
 def stacked_triangles(triangles: FloatArray, rows: FloatArray) -> FloatArray:
-    """Triangles of [triangle; rows] for every block: (..., k, k) and (..., n_rows, k) to (..., k, k)."""
+    """QR triangles (..., k, k) of the stacks [triangle; rows] of all blocks.
+
+    `triangles` are (..., k, k), `rows` (..., n_rows, k).
+    """
     return np.asarray(np.linalg.qr(np.concatenate([triangles, rows], axis=-2), mode="r"))
 
 

@@ -42,7 +42,10 @@ class SearchStateStore(Protocol):
         ...
 
     def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
-        """Take the state after an iteration; `state` makes it, if it is wanted, then or later."""
+        """Take the state after iteration number `iteration`, which ended with the sum of squares `cost`.
+
+        The store calls `state` if it wants the state, at once or later.
+        """
         ...
 
 
@@ -220,7 +223,7 @@ class Method(Protocol[P]):
         ...
 
     def at(self, problem: Problem, theta: FloatArray) -> P:
-        """A `Point`: the problem linearized at free variables."""
+        """Point at which `problem` is linearized, at free variables `theta` (n_params,)."""
         ...
 
     def tried(self, problem: Problem, point: P, damping: Damping) -> IterationResult:
@@ -255,7 +258,11 @@ class Method(Protocol[P]):
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """Uncertainty of the parameters at the end of a search, with the influence of fixed values where they may be wrong."""
+        """Uncertainty of the parameters at `minimum`, with the influence of `fixed` values; these are exact if None.
+
+        The fit holds model error if its chi-square is less probable than `misfit_probability`; `seed` is that of random
+        draws.
+        """
         ...
 
 
@@ -326,7 +333,11 @@ def _reach(problem: Problem, start: FloatArray) -> FloatArray:
 
 
 def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]) -> State:
-    """All that the next iteration depends on, but what the problem gives at ``theta``."""
+    """State of a search that is stored after an iteration: all that the next one depends on, by name.
+
+    `history` holds the free variables (n_params,) of all iterations, the last of which are ``theta``, `costs` their
+    sums of squares and `inner` the numbers of inner iterations.
+    """
     return {
         "theta": history[-1],
         "damping": damping.factor,
@@ -362,7 +373,7 @@ def damped_end(
 
 
 def shortened(step: FloatArray, limit: FloatArray) -> FloatArray:
-    """Step scaled down as a whole so that no entry exceeds its `limit` in magnitude; as it is if none does."""
+    """Step (n_params,) scaled down as a whole so that no entry exceeds its `limit`; unchanged if none does."""
     return step / max(1.0, float((np.abs(step) / limit).max(initial=0.0)))
 
 

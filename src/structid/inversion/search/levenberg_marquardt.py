@@ -69,7 +69,11 @@ class WithJacobian:
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """Covariance and rank at the minimum from the information matrix; see `dense_uncertainty`."""
+        """Covariance and rank at `minimum` from the information matrix of its Jacobian; `seed` is not used.
+
+        The fit holds model error if its chi-square is less probable than `misfit_probability`. Values that the model
+        fixes, `fixed`, are exact if None.
+        """
         linearization = cast(Linearization, minimum.linearization)
         return dense_uncertainty(problem, minimum.theta, linearization, minimum.converged, misfit_probability, fixed)
 

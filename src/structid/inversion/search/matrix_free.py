@@ -138,7 +138,11 @@ class MatrixFree:
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """Covariance and rank at the minimum from draws of the posterior; see `drawn_uncertainty`."""
+        """Covariance and rank at `minimum` from `self.draws` draws of the posterior, by `seed`.
+
+        The fit holds model error if its chi-square is less probable than `misfit_probability`. Values that the model
+        fixes, `fixed`, are exact if None.
+        """
         linearization = cast(OperatorLinearization, minimum.linearization)
         return drawn_uncertainty(
             problem, minimum.theta, linearization, self.draws, self.solved, misfit_probability, seed, fixed

@@ -301,7 +301,7 @@ def _wide_minima(
 def _search_widely(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
 ) -> StoredValues:
-    """Search from a wide start, as a task; arguments and result are those of `_search`.
+    """Minimum of one search from a wide start, as a parallel task; arguments and result are those of `_search`.
 
     An `InputError`, raised where the data cannot be held against the model, gives ``failed`` too.
     """
@@ -454,7 +454,7 @@ def staged(
 
 
 def named(progress: StageProgress | None, name: str) -> Progress | None:
-    """`progress` of one stage."""
+    """Progress function of the stage `name`, called with iteration and sum of squares; None if `progress` is None."""
     return None if progress is None else partial(progress, name)
 
 

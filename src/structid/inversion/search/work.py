@@ -60,7 +60,7 @@ class TaskExecutor(Protocol):
     def minimize(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
     ) -> Minimum:
-        """Search for the minimum, as `structid.inversion.minimize`."""
+        """Minimum of `problem` by `method` from free variables `theta` (n_params,), by default its start."""
         ...
 
     def keeper(self, problem: Problem) -> SearchStateStore | None:

@@ -75,7 +75,7 @@ class ElementStyle:
     is_doubtful: bool = False
 
 
-def look(shading: Shading | None, element: str, index: int) -> ElementStyle:
+def element_style(shading: Shading | None, element: str, index: int) -> ElementStyle:
     """Colour and style of one element: the one of row `index` in the element set named `element`.
 
     Grey if `shading` is None or has no value for it. An identified change within its 95 % interval has the colour of 0;

@@ -32,7 +32,10 @@ def joined(paths: Iterable[FloatArray]) -> FloatArray:
 
 
 def sampled(path: FloatArray, step: float) -> FloatArray:
-    """Points (m, 2) along the lines of `path` (n, 2), NaN rows left out, at most `step` apart or 401 for a line."""
+    """Points (m, 2) along the lines of `path` (n, 2): its own, and those that divide each line in equal parts.
+
+    Parts are at most `step` long, or a line has 400 of them. Lines at rows of NaN are left out.
+    """
     start, end = path[:-1], path[1:]
     drawn = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     parts = [path[np.isfinite(path).all(axis=1)]]

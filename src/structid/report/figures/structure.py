@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.report.drawing import palette, symbols
-from structid.report.drawing.changes import ElementStyle, Shading, look
+from structid.report.drawing.changes import ElementStyle, Shading, element_style
 from structid.report.drawing.drawing import MOST_INCHES, PANEL_INCHES, WIDE_INCHES
 from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.rendering import plot
@@ -34,7 +34,7 @@ def structure_figure(
 ) -> plot.Figure:
     """Figure of a structure, one panel for each shading, or one plain panel with `title` if there is none.
 
-    `caption` replaces the usual caption.
+    `title` is not used with shadings. An empty `caption` gives the usual one.
     """
     left, right, bottom, top = picture.bounds
     x, y = plot.Axis(limits=(left, right)), plot.Axis(limits=(bottom, top))
@@ -74,13 +74,13 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
     `marks` are in drawing order; faces keep it, from far to near, but with more than 300 changes of colour only by 12
     slices. None for `shade` draws all elements in grey.
     """
-    looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
-    changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
+    styled = [(mark, element_style(shade, mark.element, mark.index)) for mark in marks]
+    changes = sum(a[1] != b[1] for a, b in pairwise(styled) if b[0].nodes)
     groups: dict[tuple[int, int, ElementStyle], list[FloatArray]] = {}
     run, last = 0, None
-    for k, (mark, shown) in enumerate(looks):
+    for k, (mark, shown) in enumerate(styled):
         run, last = run + int(bool(mark.nodes) and shown != last), shown
-        depth = run if changes <= _MOST_RUNS else k * _SLICES // len(looks)
+        depth = run if changes <= _MOST_RUNS else k * _SLICES // len(styled)
         layer = 0 if mark.nodes else 2 if mark.filled else 1
         groups.setdefault((layer, depth if mark.nodes else 0, shown), []).append(mark.path)
     strong = len(marks) <= _MOST_STRONG

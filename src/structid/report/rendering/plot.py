@@ -316,7 +316,10 @@ class Figure:
 
 
 def panel(x: Axis, y: Axis, *traces: Trace, title: str = "", scale: ColourScale | None = None) -> Panel:
-    """A panel of one strip with those of `traces` that have points."""
+    """Plot panel of one strip over axis `x` with axis `y` and those of `traces` that have points.
+
+    `title` heads the panel and names it; `scale` is drawn beside it, if any.
+    """
     return Panel(x, (Strip(y, tuple(trace for trace in traces if len(trace.x))),), title, title, scale)
 
 

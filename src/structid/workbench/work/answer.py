@@ -15,7 +15,7 @@ from structid.files.hdf5 import hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
-from structid.report.drawing.changes import Change, IdentifiedParameters, Shading, look, parameter_shadings
+from structid.report.drawing.changes import Change, IdentifiedParameters, Shading, element_style, parameter_shadings
 from structid.report.drawing.palette import steps
 from structid.report.figures.responses import channel_unit
 from structid.study.results.stored_model import stored_model, stored_study
@@ -93,12 +93,12 @@ def _shading(shading: Shading, study: Study) -> dict[str, StoredEntry]:
     sets: dict[str, StoredEntry] = {}
     for element in study.structure.elements:
         rows = range(len(element.nodes))
-        looks = [look(shading, element.name, row) for row in rows]
-        colours = sorted({one.colour for one in looks})
+        styles = [element_style(shading, element.name, row) for row in rows]
+        colours = sorted({one.colour for one in styles})
         changes = [shading.changes.get((element.name, row)) for row in rows]
         sets[element.name] = {
             "colours": colours,
-            "index": packed([colours.index(one.colour) for one in looks], np.uint8),
+            "index": packed([colours.index(one.colour) for one in styles], np.uint8),
             "words": _largest_first(change for change in changes if change is not None),
         }
     scale = shading.scale

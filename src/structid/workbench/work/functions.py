@@ -69,6 +69,7 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """Channels of record `number` (from 0) of a study, with their nodes and directions on the structure.
 
     ``record`` lists the record's file names, of which the first is read; ``channels`` is as from `placed_channels`.
+        `InputError` if that file is missing.
     """
     from structid.study.schema.kinds import as_list
     from structid.workbench.work.model import read_model, read_record_section
