@@ -59,7 +59,8 @@ class DenseFields:
         Parameters
         ----------
         coefficients : (n_lines, n_matrices) complex array
-            Weight of each matrix at each line: s^2, s, 1, i, and that of friction, which may differ from line to line.
+            Weights at each line of the matrices of mass (s^2), viscous damping (s), stiffness (1) and structural damping (i), and
+        of the friction contacts, which may differ from line to line.
         loads : (n_chosen,) int array
             Columns of the attribute `loads`.
         reader : (n_read, n_dofs) float array, optional

@@ -65,7 +65,7 @@ def factorizer(name: str | None = None) -> Factorizer:
     Parameters
     ----------
     name : {"pardiso", "superlu"}, optional
-        By default the environment variable STRUCTID_FACTORIZER, or the first of `FACTORIZERS` that is installed.
+        By default the environment variable STRUCTID_FACTORIZER, or else pardiso if it is installed, superlu if not.
 
     Raises
     ------

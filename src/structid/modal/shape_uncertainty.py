@@ -59,6 +59,11 @@ def mac_with_std(first: ModalRecord, second: ModalRecord) -> ShapeQuantity:
     first, second : ModalRecord
         At the same channels in the same order. An entry that one of them does not know has no part in a pair.
 
+    Returns
+    -------
+    ShapeQuantity
+        MAC, its standard deviation and what errors add to it on average; the last two are NaN if neither record has errors.
+
     Raises
     ------
     InputError

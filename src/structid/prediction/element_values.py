@@ -66,7 +66,8 @@ def element_values(model: IdentifiedModel, initial: FloatArray, covariance: Floa
     Returns
     -------
     tuple of ElementValues
-        One for each property of each element set.
+        One for each property of each element set: name, unit, values before and after, standard deviations, and a mask of values
+        on which a parameter acts, (n_elements,) each. Fixed values have the deviation of their own tolerance.
     """
     n, parameters = len(initial), model.parameters
     design = parameters.design.tocsr()

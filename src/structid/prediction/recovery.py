@@ -453,6 +453,11 @@ def output_map(structure: Structure, outputs: Sequence[Output], derivative: int)
     derivative : {0, 1, 2}
         Of the motions that are read: displacement, velocity or acceleration. Forces and stresses have their own.
 
+    Returns
+    -------
+    OutputMap
+        Rows of weighted columns, one for each output, three for a von Mises stress.
+
     Raises
     ------
     InputError

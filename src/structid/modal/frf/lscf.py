@@ -205,7 +205,9 @@ def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> li
 def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> Iterator[FloatArray]:
     """Coefficients A_1 .. A_n, (n, n_inputs, n_inputs), of every order n in `degrees`, from one set of normal equations.
 
-    Equations of an output are weighted by 1 over its variance, averaged over the inputs, where the record has a variance.
+    They are those of the denominators A(z) = I + A_1 z + ... + A_n z^n of right matrix fractions B(z) A(z)^-1 of the
+    FRFs, in the order of `degrees`. Equations of an output are weighted by 1 over its variance, averaged over the
+    inputs, where the record has a variance.
 
     Parameters
     ----------

@@ -38,10 +38,11 @@ def terms(
     Parameters
     ----------
     laplace : (n_lines,) complex array
-        1/s, nowhere 0.
+        Laplace variable s of the lines, 1/s, nowhere 0.
     poles : (n_modes,) complex array
         In the upper half plane, rad/s.
     participation : (n_inputs, n_modes) complex array
+        The residue of mode m at an input is phi times this.
     power : int
         0, 1 or 2 for receptance, mobility or accelerance.
     outside : tuple of int

@@ -77,7 +77,7 @@ class FrfModes:
 def frf_modes(
     data: FrfData, at: PolesAndParticipation, from_residual: bool, widening: FloatArray | float = 1.0
 ) -> FrfModes:
-    """Shapes, residuals and covariances at the minimum of `misfit`.
+    """Shapes, residuals and covariances at the minimum of the weighted squared residual of the FRFs.
 
     Parameters
     ----------
@@ -89,6 +89,12 @@ def frf_modes(
         does not take up (HC3); otherwise weights are right and the variance of every weighted value is 1.
     widening : (n_outputs,) float array
         Factor on all variances of an output's errors (`correlation_excess`); 1 by default.
+
+    Returns
+    -------
+    FrfModes
+        Shapes (n_outputs, n_modes), residuals (n_lines, n_outputs, n_inputs), and the covariances of poles, participation and
+        shapes; these are NaN where the normal equations are singular.
     """
     n = len(at.poles)
     blocks = list(output_blocks(data, at))

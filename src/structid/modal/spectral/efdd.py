@@ -152,7 +152,8 @@ def _mode(
     duration : float
         One over the spacing of the lines, s.
     windows : tuple of callable
-        Windows that the averages may have had.
+        Windows that the averages may have had: factors on the correlation at lags that are parts of `duration`. The results
+        of several are averaged, and their difference is in the deviation of the damping ratio.
     averages : float
         Number of averages behind each line.
     n_draws : int

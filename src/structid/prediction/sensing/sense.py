@@ -60,9 +60,10 @@ def sense(
 ) -> SensedMotion:
     """Motion, forces and stresses anywhere during a record, whose loads may be known, partly known or unknown.
 
-    A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to the sampling rate, with each
-    unknown force as a state of first or second order, and again for models within the uncertainty: the deviation includes both.
-    The innovations of the filter give the verdict, see `judge_innovations`.
+    A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to the sampling rate, with
+    each unknown force as white noise behind low-passes of first to third order, and again for models within the
+    uncertainty: the deviation includes both. The innovations of the filter, compared with those of simulated records,
+    give the verdict.
 
     Parameters
     ----------
@@ -89,6 +90,8 @@ def sense(
     Returns
     -------
     SensedMotion
+        Values and standard deviations of outputs (n_times, n_outputs) and unknown forces (n_times, n_forces) in SI units, the
+        sensors left out, and words on what contradicts the model or is not determined.
 
     Raises
     ------

@@ -88,7 +88,7 @@ def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
     Raises
     ------
     FileError
-        If times do not increase, a step is far from the median step, or a value is NaN or infinite.
+        If there are fewer than four times, a step is below 0.5 or above 1.5 of the median step, or a value is NaN or infinite.
     """
     from scipy.interpolate import CubicSpline
 

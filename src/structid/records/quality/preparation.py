@@ -262,6 +262,13 @@ def _repair_samples(
         True to replace spikes; those in force channels stay, since impacts look alike.
     longest_gap : int
         Samples.
+
+    Returns
+    -------
+    TimeRecord
+        The record itself if nothing was found.
+    list of str
+        Also on drop-outs that are longer and stay.
     """
     values, steps = np.array(record.values), []
     for i in range(len(record.channels)):

@@ -62,8 +62,8 @@ def clipped_samples(y: FloatArray) -> Flags:
 def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, int]]:
     """Runs of a repeated value that the samples around do not explain, as (first sample, sample after the last) each.
 
-    With p the fraction of repeats among the samples on either side, a run of length L is expected N p^(L - 1) times among N
-    samples. A run is reported if that is below the chosen number of false alarms, it is longer than eight times the 98 % quantile
+    With p the fraction of repeats among 50 samples on either side, a run of length L is expected N p^(L - 1) times among N
+    samples. A run is reported if that is below 0.001, it is longer than eight times the 98 % quantile
     of all run lengths (crests in coarse steps), or than four samples if that quantile is 1, and the signal before or after it
     moves by four steps of the converter or more (else a decay has died out). There are none in fewer than 16 samples or four
     runs.

@@ -104,8 +104,8 @@ def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None
 def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | None) -> list[Finding]:
     """Finding if the record holds too few periods of the lowest frequency of `band`, or of its slow motion; else empty.
 
-    `motion` are the indices of the motion channels. Without a `band` in Hz, the frequency below which half the power lies
-    counts.
+    `motion` are the indices of the motion channels. Too few are fewer than 20 periods of the lower end of the `band`,
+    in Hz, or without a band 3 periods of the frequency below which half the power lies.
     """
     n = len(record.values)
     duration = n / record.sampling_rate
@@ -119,7 +119,7 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
         low = (1 + int(np.argmax(fraction >= 0.5))) / duration
         what, few = f"the half of the motion that is below {low:.3g} Hz (or drifts)", _TOO_FEW
     periods = low * duration
-    if periods >= few or (band is None and periods > _TOO_FEW):
+    if periods >= few:
         return []
     remedy = f"measure at least {_FEW / low:.3g} s"
     remedy += ", or take a drift off with `detrend`" if band is None else ", or raise the band"
@@ -248,10 +248,11 @@ def _harmonic_at(
 
 
 def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArray, damping_ratio: FloatArray) -> str:
-    """A sentence on how much segments of `length` samples lower the peaks of modes; "" if they hardly do.
+    """A sentence on how much segments of `length` samples lower the peaks of modes; "" if by at most 5 %.
 
     Segments that repeat each other, or begin and end at rest, leak nothing under a flat window. Otherwise the
-    power spectrum of a mode is smoothed by that of the window.
+    power spectrum of a mode is smoothed by that of the window. Exponential windows are not judged. The mode with the fewest
+    lines in its half-power bandwidth decides.
 
     Parameters
     ----------
@@ -300,7 +301,7 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
 def _peak_loss(power: FloatArray, lines: float) -> float:
     """Fraction by which a window lowers the peak of a mode with `lines` spectral lines in its half-power bandwidth.
 
-    `power` is the window's power spectrum, with `_FINE` points per line.
+    `power` is the window's power spectrum from 0 on, with 8 points per line.
     """
     offset = np.arange(len(power)) / _FINE
     weight = np.where(offset > 0, 2.0, 1.0) * power

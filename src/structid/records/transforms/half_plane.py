@@ -180,7 +180,7 @@ def _integrate(
     laplace : (n,) complex array
         Points s in 1/s, with the real part counted from the line on which the FRFs are: the decay less that of the record.
     weights : list of (forward, backward)
-        For each record the two arrays (n, n_lines) of `poisson_weights`.
+        For each record the weights (n, n_lines) of its FRFs and of their conjugates, by `poisson_weights`.
     """
     record = records[0]
     shape = (len(laplace), *record.values.shape[1:])

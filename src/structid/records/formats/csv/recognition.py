@@ -184,6 +184,12 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     layout : CsvLayout
         Settings that replace the recognition where they are not "auto" or None.
 
+    Returns
+    -------
+    Grid
+        Header of none, one or two lines (names, units), cells of the lines below, the numbers (from 1) of the first line of
+        each, whether numbers have decimal commas, and words on all this.
+
     Raises
     ------
     FileError
