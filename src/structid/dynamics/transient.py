@@ -275,7 +275,7 @@ def free_decay(
         Instants in s after the initial conditions.
     displacement, velocity : (n_modes,) float array or number
         Initial modal coordinates q0 and q1. For mass-normalized shapes they are phi' M u(0) and phi' M udot(0); an
-        impulse of size p gives q1 = p phi(its place).
+        impulse of size p gives q1 = p times phi where it acts.
     damping_ratio : (n_modes,) float array or number
         Viscous, below 1.
 

@@ -117,7 +117,7 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
     Notes
     -----
     With no more channels than samples, by the eigenvectors of the covariance: n^2 N operations for n channels and N
-    samples. With more, by a randomized range finder of about rank + `_OVERSAMPLING` columns: 4 n N (rank + 5)
+    samples. With more, by a randomized range finder of about rank + 5 columns: 4 n N (rank + 5)
     operations in two passes over the samples, and no array larger than n (rank + 5) beside them. Products are taken in
     the precision of the record, a few hundred samples or channels at a time, and added up in double precision.
     """

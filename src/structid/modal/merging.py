@@ -502,7 +502,7 @@ def _merge_shapes(
 def _all_stated(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
 ) -> list[FloatArray]:
-    """Standard deviations of all shape entries of each part, with unstated ones (NaN) replaced by the median of the others.
+    """Standard deviations of all shape entries of each part, with unstated ones (NaN) replaced by the median of the stated ones.
 
     `parts` are the shapes of one mode in each set-up, `errors` their standard deviations, `places` the channel indices
     of their entries, (n_own_channels,) each; the result is like `errors`, and all 1 if none is stated. The median is

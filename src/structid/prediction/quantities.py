@@ -388,7 +388,7 @@ def _one_an_input(is_filtered: object, n_inputs: int) -> tuple[bool, ...]:
 def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:
     """Acceleration (n_times, n), m/s^2, of supports that move from rest with `displacement` (n_times, n), m.
 
-    It is that of the cubic spline through the samples, which is linear between them, as `History` takes it. The record
+    It is that of the cubic spline through the samples, which is linear between them. The record
     must begin at 0, where the structure is at rest. `sampling_rate` is in Hz.
 
     Raises
@@ -564,7 +564,7 @@ class Extremes(DerivedQuantity):
     probability: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise `InputError` unless `duration` is positive, `probability` within 0 and 1, or for von Mises stresses."""
+        """Raise `InputError` on a `duration` not above 0, a `probability` outside 0 to 1, or a von Mises stress."""
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise InputError(f"`duration` must be greater than 0 s, got {self.duration:g}")
         if self.probability is not None and not 0 < self.probability < 1:

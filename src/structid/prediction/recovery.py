@@ -157,7 +157,7 @@ class FibreStress:
     youngs_modulus: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for a place or a modulus that is not finite, or a modulus that is not positive."""
+        """Raise `InputError` if `y`, `z` or the modulus is not finite, or the modulus not positive; None asks for a strain."""
         if not np.isfinite([self.y, self.z]).all():
             raise InputError(f"`y` and `z` of {self} must be finite, got {self.y:g} and {self.z:g}")
         if self.youngs_modulus is not None and not (np.isfinite(self.youngs_modulus) and self.youngs_modulus > 0):
@@ -405,8 +405,9 @@ class OutputMap:
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
-        """Weights of the rows over the degrees of freedom, (n_dofs, n_orders * n_rows), sparse: one group for each of `orders`.
+        """Weights of the rows over the degrees of freedom, (n_dofs, n_orders * n_rows), sparse.
 
+        Columns stand in groups, one for each derivative of motion that occurs (`orders`, rising), the rows in each.
         `values` (n_values,) are the property values.
         """
         weights = np.array([weight(values) for weight in self.weights])

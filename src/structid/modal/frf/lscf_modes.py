@@ -58,7 +58,7 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
     Returns
     -------
     ModalIdentification
-        Complex shapes as displacement: of modal mass 1 where an output and an input share place and direction
+        Complex shapes as displacement: of modal mass 1 where an output and an input share a degree of freedom
         (`scaled_shapes` states the formula), of largest entry 1 otherwise.
 
     Raises

@@ -223,7 +223,7 @@ def _gather_scattered_poles(labels: IntArray, distance: FloatArray, poles: Compl
     """Cluster labels 1, 2, ..., (n_poles,), after clusters took like poles of smaller ones in the orders they lack.
 
     Larger clusters come first, and those of one pole take none. In each such order the nearest pole is taken, if its
-    median distance to the cluster is small (below `_ONE_MODE`) and it lies within 5 % of the central pole. Poles of
+    median distance to the cluster is below 0.2 and it lies within 5 % of the central pole. Poles of
     close or highly damped modes scatter over the orders and fall into several clusters. `labels`, `poles` (rad/s) and
     `number`, the index of the order of each pole, are (n_poles,); `distance` is (n_poles, n_poles). Labels without
     poles are closed up.

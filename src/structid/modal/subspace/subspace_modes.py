@@ -70,7 +70,7 @@ def subspace_modes(
 
 
 def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: bool = False) -> ModalIdentification:
-    """Modes of records by the subspace `method` (key of `SUBSPACE_METHODS`), with poles of all orders and clusters.
+    """Modes of records by the subspace `method` (pencil, ssi_cov or ssi_data), with poles of all orders and clusters.
 
     Without `options.orders` the greatest order is doubled while models are crowded. A free decay that falls below the
     noise is cut there and identified anew, unless `is_decay` says that the records were already cut. Without

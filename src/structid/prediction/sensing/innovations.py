@@ -170,10 +170,11 @@ def judge_innovations(
 
 
 def _larger(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _LARGER) -> str:
-    """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; "" where they are not.
+    """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; else "".
 
-    Their root mean square must also exceed the geometric mean of those of replicates by more than the part `least` of it; ""
-    too if n is 0.
+    Their mean square must exceed that of each replicate, and in logarithms the mean by three deviations; their root
+    mean square must exceed the geometric mean of those of replicates by more than the part `least` of it. "" too if n
+    is 0.
     """
     if not whitened.size:
         return ""

@@ -276,7 +276,7 @@ def _if_steady(
 def _joined_verdict(first: InnovationVerdict, steeper: InnovationVerdict, order: int) -> InnovationVerdict:
     """Verdict under forces of a likelier, steeper spectrum of `order`, with what the verdict of order 1 says where they differ.
 
-    Only what contradicts the model under both spectra contradicts it; else the contradiction of one is told as a doubt.
+    Only what contradicts the model under both spectra contradicts it; else the contradiction under one is a doubt in the words.
     """
     if first.is_contradicted == steeper.is_contradicted:
         return steeper

@@ -35,8 +35,8 @@ class Smoothed:
 def smooth(setup: SensingSetup, fit: Filtered) -> Smoothed:
     """Smoothed wanted outputs, left-out sensors and unknown forces, in this order, with their variance at each sample.
 
-    Mean and variance are (n_times, n); the covariance (n, n) is that far from the ends of the record, where more is
-    open.
+    Mean and variance are (n_times, n); the variance is larger near the ends of the record. The covariance (n, n) is the
+    one far from the ends.
     """
     (mean, back), steady = smoothed_outputs(setup, fit), fit.steady
     predicted, updated, rows = steady.predicted, steady.updated, steady.system.wanted

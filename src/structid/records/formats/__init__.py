@@ -74,7 +74,7 @@ def read_record(path: str | os.PathLike[str], options: ReadOptions | None = None
     Parameters
     ----------
     path : str or path-like
-        File with one of the suffixes in `FORMATS` or `LOGGERS`.
+        CSV, universal, HDF5, MAT or NPZ file, an NPY array, or a file of a logger, by its suffix.
     options : ReadOptions, optional
         Facts that the file does not state, and the channels to read.
 

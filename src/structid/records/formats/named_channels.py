@@ -190,7 +190,7 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
     Raises
     ------
     FileError
-        If a name is no degree of freedom, a unit cannot be read, or a gap stays; the message names the place.
+        If a name is no degree of freedom, a unit cannot be read, or a gap stays; the message names channel or line and column.
     InputError
         If `channels` or `units` do not fit the file.
     """

@@ -150,7 +150,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     -----
     Filters are linear-phase FIR filters applied without delay (Kaiser window). The anti-alias filter is flat within
     0.001 dB to 0.8 of the new Nyquist frequency and down by 80 dB from it on. With ``edges="drop"`` the poles of a free
-    decay are exactly those of the record, also its damping; see `structid.records.quality.preparation`. A subspace method
+    decay are exactly those of the record, also its damping. A subspace method
     sees only what lies in the band.
 
     References
@@ -184,7 +184,11 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
-    """Raise `InputError` if the record's sampling rate, or that after decimation, is too low for `wanted.band`."""
+    """Raise `InputError` if the record's sampling rate, or that after decimation, is too low for `wanted.band`.
+
+    The band must end below half the record's rate and, where the record is decimated, at 0.8 of half the new rate at
+    most.
+    """
     if wanted.band is None:
         return
     high = max(f for f in (*wanted.band, 0.0) if f is not None)

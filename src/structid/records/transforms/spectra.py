@@ -69,7 +69,7 @@ def frf_from_time(
     detrend : {"constant", "linear", "none"}
         What is taken off each segment before the window. Without ``"none"`` the line at 0 Hz is left out.
     quantity : str, optional
-        Which to use where a place has several; the kind of the FRFs. By default that of most outputs.
+        Which to use where a degree of freedom has several; the kind of the FRFs. By default that of most outputs.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
 
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
-    """Column index of the channel with each of `dofs` and the quantity at the same place; `InputError` if one is missing."""
+    """Column index of the channel with each of `dofs` and its entry of `quantities`; `InputError` if one is missing."""
     if not dofs:
         raise InputError(
             "no channel is a force, so `inputs` names none: name the channel of the load (`quantities`), or of the support that"
