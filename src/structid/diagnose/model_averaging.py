@@ -29,10 +29,10 @@ def widened(identification: Identification, likely: Sequence[FittedModel], direc
     """Identification with intervals and standard deviations that cover likely changed models as well; values stay.
 
     Intervals are the union of those of all these models; the covariance is the mean over the models of covariance plus
-        square of the distance from the identified values. A model where that is not finite is left out of the mean.
-        Models have equal weight: with the misfits of wrong models, likelihood weights would favour one changed model
-        alone, which need not be the right one. A parameter on which the models disagree by more than its value is not
-        identified; notes and warnings say so, and the total mass has its wider deviation.
+    square of the distance from the identified values. A model where that is not finite is left out of the mean. Models
+    have equal weight: with the misfits of wrong models, likelihood weights would favour one changed model alone, which
+    need not be the right one. A parameter on which the models disagree by more than its value is not identified; notes
+    and warnings say so, and the total mass has its wider deviation.
 
     Parameters
     ----------

@@ -180,10 +180,11 @@ class AddNode:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def _position(self, nodes: Mapping[Any, Any], key: Callable[[int], Any]) -> list[float]:
-        """Coordinates, m, of the new node: those of the node beside it plus offset, and a part of the way to another.
+        """Coordinates, m, of the new node: those of node `self.beside` plus `self.offset`, moved towards another node.
 
-        `nodes` maps keys to coordinates, and `key` makes such a key of a node label; there are as many coordinates as
-        that node has. They are rounded to six digits if the node lies on the way towards another.
+        It is moved by `self.part` of the distance from node `self.beside` to `self.towards`, if that is not None, and
+        then rounded to six digits. `nodes` maps keys to coordinates, and `key` makes such a key of a node label. There
+        are as many coordinates as node `self.beside` has.
         """
         first = np.atleast_1d(np.asarray(nodes[key(self.beside)], dtype=float))
         moved = first + np.array(self.offset[: len(first)])

@@ -491,6 +491,10 @@ def weighed_like(
 
 
 def _of_weights(problem: RecordProblem, before: RecordProblem) -> RecordProblem:
+    """Problem whose FRFs have the noise-free magnitudes (`sizes`) of those of `before`, if both are the same FRFs.
+
+    Else `problem` itself.
+    """
     if isinstance(problem, FrfProblem) and isinstance(before, FrfProblem) and _is_same(problem.record, before.record):
         return replace(problem, record=replace(problem.record, sizes=before.record.sizes))
     return problem

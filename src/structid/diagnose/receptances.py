@@ -275,12 +275,12 @@ class Receptances:
 
     @cached_property
     def _directions(self) -> dict[tuple[bytes, bytes], tuple[IntArray, FloatArray]]:
-        """Directions that were asked for: many candidates act along the same ones."""
+        """Cache of directions that were asked for: many candidates act along the same ones. It is empty at first."""
         return {}
 
     @cached_property
     def unit_responses(self) -> LastResults[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
-        """Responses of parts of unit stiffness in the directions last asked for."""
+        """Cache of responses of parts of unit stiffness in the directions last asked for. It is empty at first."""
         return LastResults(_MOST_UNIT_RESPONSES)
 
     def reached(self, codes: IntArray) -> FloatArray:

@@ -187,7 +187,7 @@ def is_beyond_noise(fitted: FittedModel, counts_left_out: bool = False) -> bool:
 
 
 def n_parameters(modified: ModifiedModel) -> int:
-    """Number of parameters of a modified model, those included that its changes have beside the unknowns."""
+    """Number of parameters of a modified model: its unknowns, and those that its changes fit without an unknown."""
     return len(modified.target.names) + sum(change.candidate.n_own for change in modified.changes)
 
 

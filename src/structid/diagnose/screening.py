@@ -254,8 +254,8 @@ def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
     """Keys of candidates by which the initial model shows channels to be exchanged, turned or of another gain.
 
     Each leaves, by a linear step at the start of the parameters, less than half of the misfit there. `points` are the
-        linearized problems of the screening, of which the first, that at the start, is used for large models. The set
-        is empty for measured modes.
+    linearized problems of the screening, of which the first, that at the start, is used for large models. The set is
+    empty for measured modes.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -309,7 +309,7 @@ def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
 
 
 def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
-    """True if a change is fitted whatever a linear look promises: exchanged loads, and those with a key in `certain`."""
+    """True if a change is fitted whatever its screening promises: exchanged loads, or a key that is in `certain`."""
     return isinstance(candidate, SwappedLoads) or candidate.key in certain
 
 
@@ -338,7 +338,7 @@ def _screen_candidates(
     """Best strength and misfit with it of all candidates at one point, as arrays ``strength`` and ``left``.
 
     Both are (n_candidates,). `points_and_names` are the linearized models and the names of the records, `number` is the
-        index of the model, from 0. `tools` is not used.
+    index of the model, from 0. `tools` is not used.
     """
     points, names = points_and_names
     point = points[number]
@@ -363,11 +363,11 @@ def _with_friction(best: _Promises, can_rub: bool) -> None:
 
 
 def derived_candidates(base: FittedModel, shortlist: Shortlist) -> list[Screened]:
-    """Further changes worth a fit, without a linear look, that follow from the most promising screened ones.
+    """Further changes worth a fit, not screened themselves, that follow from the most promising screened ones.
 
-    In this order: fixed values of sets one of whose elements looks different, sensors that are late together, other
-    offsets of masses, sensors of opposite sense and at other nodes where they are better left out, loads at other nodes,
-    and supports that become flexible in several rotations.
+    In this order: fixed values of sets one of whose elements seems to differ, sensors that are late together, other
+    offsets of masses, sensors of opposite sense and at other nodes where they are better left out, loads at other
+    nodes, and supports that become flexible in several rotations.
     """
     rows = shortlist.rows
     lost = shortlist.lost

@@ -116,7 +116,7 @@ class Explanation:
 
     @property
     def likely(self) -> tuple[FittedModel, ...]:
-        """All changes that may be the truth, second ones beside a first among them."""
+        """Fits of all changes that may be the truth: first causes, then those with a second cause in addition."""
         return self.near if self.further is None else (*self.near, *self.further.near)
 
 
@@ -611,7 +611,7 @@ def _begun(
     """Items (candidate, strength, free variables at the start) of the `changes` that the model allows, in their order.
 
     `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say. Changes
-        that the model does not allow are left out.
+    that the model does not allow are left out.
     """
     items: list[RefitTask] = []
     for candidate, strength in changes:

@@ -216,8 +216,9 @@ class Diagnosis(Shown):
 def noise_ratio(identification: Identification) -> float | None:
     """True standard deviation of the noise over the assumed one: 1.0 if that fits, None if the residual is not just noise.
 
-    It fits at a chance of 0.1 % either way, or within 25 %. A ratio other than 1 needs a white, normal residual of at
-    least 300 data with fixed values within their tolerances. None too without residual tests.
+    It fits at a chance of 0.1 % either way, or if the variance is within 25 %. A ratio other than 1 needs a record of
+    responses, and a white, normal residual of at least 300 data with fixed values within their tolerances. None too
+    without residual tests.
     """
     tests = identification.estimate.goodness.residual_tests
     is_normal = tests is not None and tests.normality_probability >= DOUBT
@@ -770,9 +771,10 @@ def not_found(identification: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(identification: Identification) -> str:
-    """Clause on the misfit: the missed resonance, the fixed value that is off, or the ratio of the misfit to the noise.
+    """Clause on the misfit: the missed resonance, the fixed value that is off, or how the misfit compares with noise.
 
-    The first that applies is told; the fixed value only where the misfit is below 1.1 times the noise.
+    The first that applies is stated; the fixed value only where the misfit is below 1.1 times the noise. The comparison
+    is the ratio of the two, except where the misfit is like noise in size.
     """
     if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
         return identification.missed[0].words
@@ -806,6 +808,7 @@ def _searched(n_tried: int) -> str:
 
 
 def _apart(one: Disagreement) -> str:
+    """Clause on the two values of the parameter by which two parts of the data disagree, with three digits."""
     first, second = (f"{float(f'{value:.3g}'):,.9g}" for value in one.values)
     unit = "" if one.unit in ("", "1") else f" {one.unit}"
     return (
@@ -841,6 +844,10 @@ def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
 
 
 def _missed(measured: float, predicted: float, distance: float) -> tuple[float, str]:
+    """`distance`, and a clause on a resonance that the model misses by it, in half widths of the resonance.
+
+    `measured` and `predicted` are its frequencies in Hz.
+    """
     share = 100 * abs(predicted / measured - 1)
     words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} times half its resonance width"
     return float(distance), words

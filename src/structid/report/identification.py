@@ -277,6 +277,10 @@ def fixed_value_table(sensitivities: Sequence[FixedValueSensitivity]) -> Table:
 
 
 def _fixed_value_row(sensitivity: FixedValueSensitivity) -> tuple[str, ...]:
+    """Table row of a fixed value: name, parameter moved most, its change (%) per 1 % and in deviations, and the pull.
+
+    The pull is the change, in %, that the record prefers, with its standard deviation.
+    """
     largest = sensitivity.most_moved
     pull = (
         f"{percent(sensitivity.pull, 2)} ± {percent(sensitivity.pull_std, 2, signed=False)}"
@@ -385,6 +389,7 @@ def _free_cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
 
 
 def _changed_row(result: StudyResult, i: int) -> tuple[str, ...]:
+    """Table row of parameter `i` (from 0): name, initial value, identified value, relative change, change in std."""
     estimate = result.identification.estimate
     initial, value, std = float(estimate.initial[i]), float(estimate.values[i]), float(estimate.std[i])
     return (

@@ -336,6 +336,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
 
 
 def _frf_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
+    """Key figure of the FRF errors, as (label, value, remark), of the identified model and of the initial one."""
     error = percent(float(np.median(identification.relative_error)), 3, signed=False)
     before = percent(float(np.median(identification.fits[0].initial_relative_error)), 3, signed=False)
     return (("Median relative FRF error", error, f"initial model {before}; lines {_judged(identification)}"),)

@@ -240,6 +240,7 @@ def compared_tests(plan: Plan) -> tuple[PlannedTest, ...]:
 
 
 def _places(plan: Plan, test: PlannedTest) -> plot.Figure:
+    """Figure of the structure with the sensors and loads of `test`; the title names the parameter of largest std."""
     worst = f"worst std {percent_text(test.worst_std)} ({plan.parameters.names[test.worst]})"
     title = f"{test.label}: {plural(len(test.sensors), 'sensor')}, {plural(len(test.loads), 'load')}; {worst}"
     return structure_figure(structure_picture(plan.structure, test.sensors, test.loads), title=title)

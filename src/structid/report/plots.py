@@ -124,6 +124,7 @@ def shape(result: ModesResult, mode: int, axes: Where) -> Picture:
 
 
 def _fit(identification: Identification, record: int) -> RecordFit:
+    """Fit of record `record` of responses, from 0; `InputError` if there is no such record."""
     if not 0 <= record < len(identification.fits):
         raise InputError(
             f"`record` must be one of the {len(identification.fits)} records of responses, counted from 0, got {record};"
@@ -133,6 +134,7 @@ def _fit(identification: Identification, record: int) -> RecordFit:
 
 
 def _drawable(figure: Figure | None) -> Figure:
+    """`figure`, or `InputError` if it is None, as without orders to choose among."""
     if figure is None:
         raise InputError("the method has no orders to choose among, so there is no stabilization diagram")
     return figure

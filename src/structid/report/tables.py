@@ -63,6 +63,7 @@ def provenance_table(provenance: Mapping[str, object] | None) -> Table:
 
 
 def _text(value: object) -> str:
+    """Text of a setting: "none" for None and "", a text as it is, JSON for all else."""
     if value is None or value == "":
         return "none"
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)

@@ -417,6 +417,7 @@ def holds_numbers(path: Path) -> bool:
 
 
 def _begin(path: Path, count: int = 4096) -> bytes:
+    """First `count` bytes of a file; none if it cannot be read."""
     try:
         return read_start(path, count)
     except OSError:

@@ -182,6 +182,10 @@ async def _templates(_: Workbench, __: Request) -> Response:
 
 
 async def _init(bench: Workbench, request: Request) -> Response:
+    """Write a study from a template, by the worker, and answer with its answer.
+
+    The body has ``template``, ``path`` and ``numbers``.
+    """
     body = await request.json()
     bench.opened.inside(body["path"])
     return await bench.worked("init", {key: body[key] for key in ("template", "path", "numbers")})
@@ -343,6 +347,7 @@ async def _histories(bench: Workbench, request: Request) -> Response:
 
 
 def _later(work: Any) -> None:
+    """Start the coroutine `work` in the background, and hold it until it has ended."""
     task = asyncio.ensure_future(work)
     _tasks.add(task)
     task.add_done_callback(_tasks.discard)
@@ -608,6 +613,7 @@ async def _export(bench: Workbench, request: Request) -> Response:
 
 
 def _archive(paths: list[Path], folder: Path, target: Path) -> None:
+    """Write files into the ZIP archive `target`, under the name of `folder`, which holds them."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
         for path in paths:
             archive.write(path, f"{folder.name}/{path.relative_to(folder).as_posix()}")

@@ -325,6 +325,7 @@ def reap() -> None:
 
 
 def _tail(path: Path, most: int) -> str:
+    """Text of the last `most` bytes of a file, in UTF-8; "" if it cannot be read."""
     try:
         return read_part(path, max(0, path.stat(follow_symlinks=False).st_size - most), most).decode("utf-8", "replace")
     except OSError:

@@ -122,12 +122,12 @@ class Candidate(metaclass=ABCMeta):
 
     @property
     def n_own(self) -> int:
-        """Number of parameters that a fit of the change determines beside those of the changed model."""
+        """Number of parameters that a fit of the change determines and that the changed model does not count."""
         return self.n_hidden
 
     def alike_by(self) -> tuple[Directions, tuple[object, ...]] | None:
         """Directions and values that determine the effect completely; None where these alone do not.
 
-        Candidates whose directions move alike and whose values are equal have the same effect.
+        Candidates with the same motion in their directions and equal values have the same effect.
         """
         return None

@@ -26,6 +26,10 @@ def _delays(receptances: Receptances) -> FloatArray:
 def _effect(
     receptances: Receptances, axis: Literal[1, 2], channel_names: Sequence[str], delays: FloatArray
 ) -> ComplexArray:
+    """Changes (n_delays, n_lines, n_outputs, n_inputs) of FRFs where some channels are late by each of `delays`, s.
+
+    `channel_names` are degrees of freedom such as ``3X``: outputs for `axis` 1, inputs for 2.
+    """
     factors = np.exp(-receptances.laplace * delays[:, None])
     indices = [index_of(receptances, axis, place) for place in channel_names]
     return np.sum([scaled_channel(receptances, axis, index, factors) for index in indices], axis=0)

@@ -223,7 +223,10 @@ class RecordGain(Gain):
 
 
 def _log_gains(units: Sequence[tuple[float, str, str]]) -> FloatArray:
-    """Logarithms of gains to look at, (n_gains,): errors of calibration and the factors of mistaken `units`, either way."""
+    """Logarithms (n_gains,) of gains to screen: errors of calibration and the factors of mistaken `units`, either way.
+
+    A unit is (factor, true unit, assumed unit), of which the factor counts.
+    """
     factors = np.log([factor for factor, _, _ in units])
     return np.concatenate([FACTORS, -FACTORS, factors, -factors])
 

@@ -322,6 +322,7 @@ class _Arrow:
 
 
 def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str) -> tuple[plot.Trace, ...]:
+    """Plot traces of `arrows`: shafts, filled heads, and tips whose hover text is `noun` with the degree of freedom."""
     heads = symbols.joined(head for arrow in arrows for head in arrow.heads)
     tips = np.array([arrow.tip for arrow in arrows]).reshape(-1, 2)
     return (

@@ -111,6 +111,7 @@ def one_at_a_time(panels: list[plot.Panel], label: str, caption: str) -> plot.Fi
 
 
 def _shown(prediction: Prediction | PredictedChange) -> dict[str, Prediction]:
+    """Predictions by the words of their legend: before and after a change, or the only one."""
     if isinstance(prediction, PredictedChange):
         return {"before the change": prediction.before, "after the change": prediction.after}
     return {"predicted": prediction}

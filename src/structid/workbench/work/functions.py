@@ -69,7 +69,7 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     """Channels of record `number` (from 0) of a study, with their nodes and directions on the structure.
 
     ``record`` lists the record's file names, of which the first is read; ``channels`` is as from `placed_channels`.
-        `InputError` if that file is missing.
+    `InputError` if that file is missing.
     """
     from structid.study.schema.kinds import as_list
     from structid.workbench.work.model import read_model, read_record_section
@@ -330,6 +330,7 @@ def _use(opened: OpenFolder, results: str) -> StoredEntry:
 
 
 def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes: list[dict[str, Any]]) -> StoredEntry:
+    """Answer of `predict_use` for a results folder, with the file of the history in ``options``, if any."""
     from structid.workbench.work.use import predict_use
 
     history = opened.inside(options["history"]) if options.get("history") else None

@@ -71,6 +71,7 @@ def read_record_section(path: Path, number: int = 0) -> Section:
 
 
 def _required(record: Section | None) -> Section:
+    """`record`, or `InputError` if it is None: the study has no record yet."""
     if record is None:
         raise InputError("the study has no record yet: drop a record file on the start page, and use it in this study")
     return record

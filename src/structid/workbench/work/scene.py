@@ -70,6 +70,7 @@ def structure_scene(structure: Structure) -> dict[str, StoredEntry]:
     order = np.argsort(labels)
 
     def rows(nodes: ArrayLike) -> IntArray:
+        """Rows, from 0, of node labels in ``labels``, in the shape of `nodes`."""
         given = np.asarray(nodes, dtype=np.int64)
         found: IntArray = order[np.searchsorted(labels, given, sorter=order)]
         return found
