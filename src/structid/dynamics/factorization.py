@@ -498,6 +498,7 @@ def _backward_error(handle: _Handle, values: NumberArray, right: NumberArray, so
     """Largest relative residual |b - A x| / |b| over the columns of `right` (n, n_right) and `solution`.
 
     `values` are the entries of the upper triangle. The common denominator |A| |x| + |b| would hide singular matrices.
+    `handle` has the pattern of the matrix A.
     """
     held = handle.held
     upper = sparse.csr_array((values, held.indices, held.indptr), (held.n, held.n))

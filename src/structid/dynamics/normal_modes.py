@@ -221,7 +221,8 @@ def _lanczos_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues omega^2 nearest to `shift`, ascending, and mass-normalized vectors (n_dofs, n_modes).
 
-    `inverse` is that of the shifted stiffness, with which missed modes are added; with None they are not, and SciPy factorizes.
+    `inverse` is that of the shifted stiffness, with which missed modes are added; with None they are not, and SciPy
+    factorizes. `energy` gives V'KV of a space V.
     """
     start = np.random.default_rng(0).standard_normal(mass.shape[0])
     eigenvalues, shapes = eigsh(stiffness, n_modes, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
@@ -354,9 +355,10 @@ def _add_missed_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Lowest modes (eigenvalues omega^2, ascending, and vectors), with those that Lanczos has missed.
 
-    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the others by
-    rounding alone. A block of random vectors searches beside `shapes` until nothing changes. `eigenvalues` and `shapes` are
-    those that Lanczos found about `shift`, `inverse` that of the shifted stiffness; `energy` gives V'KV of a space V.
+    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
+    others by rounding alone. A block of random vectors searches beside `shapes` until nothing changes. `eigenvalues`
+    and `shapes` are those that Lanczos found about `shift`, `inverse` that of the shifted stiffness; `energy` gives
+    V'KV of a space V. `mass` is (n_dofs, n_dofs).
     """
     count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):

@@ -186,7 +186,8 @@ class _ModalSystem:
 def _modal_system(mass: Matrix, stiffness: Matrix, damping: Matrix | None) -> _ModalSystem:
     """Dense matrices with their undamped modes, after checks of shape and values.
 
-    `InputError` if shapes do not fit or a value is not finite, `SingularModelError` if the mass is not positive definite.
+    `InputError` if shapes do not fit or a value is not finite, `SingularModelError` if the mass is not positive
+    definite. Matrices may be sparse or dense, (n_dofs, n_dofs); `damping` None is none.
     """
     m, k, c = _dense(mass), _dense(stiffness), None if damping is None else _dense(damping)
     for name, matrix in (("mass", m), ("stiffness", k), ("damping", c)):
@@ -223,7 +224,8 @@ def _driven(
     """Modal displacement and velocity from rest under load cos(omega t), with any damping, (n_times, n_modes) each.
 
     `modal_load` is (n_modes,), `omega` in rad/s, `time` (n_times,) in s, increasing from 0 or more. The cosine and sine
-    of the load are two additional states of one matrix exponential.
+    of the load are two additional states of one matrix exponential. `system` has the modes, matrices and damping of the
+    structure.
     """
     n = len(system.natural)
     state_matrix, scale = system.state_matrix()

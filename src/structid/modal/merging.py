@@ -472,7 +472,7 @@ def _merge_shapes(
 
     Shapes and deviations are (n_channels, n_modes), the largest entry of a shape is 1; the deviations are None if no set-up
     states any. The mask (n_setups, n_modes) is true where a set-up lacks deviations of entries of a mode although it or
-    another states some. `members` (n_setups, n_modes) are mode numbers in each set-up, -1 where missing.
+    another states some. `setups` are the modal records; `members` (n_setups, n_modes) are mode numbers in each, -1 where missing.
     """
     channels = tuple(dict.fromkeys(dof.unsigned for setup in setups for dof in setup.channels))
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]

@@ -313,6 +313,7 @@ def _draw_all(
 
     The base is what a quantity is derived from, as a history for its maxima, or the quantity itself. `structure` and
     `parameters` may be those after a change. `InputError` for fewer than 50 draws. `seed` fixes the random models.
+    `quantities` are what is predicted.
     """
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
@@ -399,6 +400,7 @@ def _with_model_error(
     """Draws (n_draws, ...) of FRFs, histories or spectra with random model errors added; None for other quantities.
 
     `nominal` are the values by the identified model, `draws` those by the random models; `seed` fixes the errors.
+    `base` is the quantity, `error` the model error.
     """
     rng = np.random.default_rng(seed + 1)
     if isinstance(base, Frf):

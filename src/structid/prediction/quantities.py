@@ -225,7 +225,8 @@ def _frf_by_fields(
 ) -> Evaluator:
     """FRFs of the rows of `rows` as a function of physical parameters, from the motion of all degrees of freedom.
 
-    The function returns (n_frequencies, n_rows, n_inputs); the inputs of `frf` are forces.
+    The function returns (n_frequencies, n_rows, n_inputs); the inputs of `frf` are forces. `exact` solves for the
+    motion line by line.
     """
     loads = structure.selection([each for each in frf.inputs if isinstance(each, Dof)])
     read_dofs = np.unique(rows.columns.indices)
@@ -700,8 +701,8 @@ def followed_modes(
 ) -> Callable[[FloatArray], Modes]:
     """Function from physical parameters to the modes that are most like those at the first of `points`, or like the reference's.
 
-    `points` are physical parameters (n_params,), the identified ones first. No mode is taken twice. `InputError` if the structure
-    has no modes.
+    `points` are physical parameters (n_params,), the identified ones first. `quantity` has the number of modes
+    and perhaps the reference. No mode is taken twice. `InputError` if the structure has no modes.
     """
     structure.require_modes("modes")
     n_modes = quantity.n_modes if quantity.reference is None else quantity.n_modes + _MORE_MODES

@@ -354,7 +354,10 @@ def output_unit(output: Output) -> str:
 
 
 def _numbers(text: str, numbers_text: str) -> dict[str, float]:
-    """Numbers in `numbers_text`, such as y=0.05, by name; `text`, the whole output, is for errors."""
+    """Numbers in `numbers_text`, such as y=0.05, by name; `text`, the whole output, is for errors.
+
+    `InputError` if one is no number.
+    """
     numbers: dict[str, float] = {}
     for key, value in _PAIR.findall(numbers_text):
         try:

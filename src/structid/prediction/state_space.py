@@ -339,8 +339,8 @@ class _Equations:
     def _cut_states(self, order: int, highest: float, balance: _Balance) -> _Equations:
         """Equations with the rigid states and the leading balanced states, `order` in all, made stable.
 
-        `highest` is the upper end of the band, Hz; at half of it a direct part makes up for what was cut, unless outputs are
-        differentiated.
+        `highest` is the upper end of the band, Hz; at half of it a direct part makes up for what was cut, unless
+        outputs are differentiated. `balance` has the balanced coordinates.
         """
         keep, r = max(order - self.n_rigid, 0), self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]

@@ -341,6 +341,7 @@ def _real_eigenvalues(
     Eigenvalues come from the pages of the vectors or, where these print none, from the eigenvalue table; masses from
     the row of the table with the same eigenvalue, NaN where there is none. A note names the first page that contradicts
     the table. `FileError` if a mode has no eigenvalue, the analysis is of buckling, or an eigenvalue is negative.
+    `listing` is the reader with vectors and table; `path` is for errors.
     """
     squares: list[float] = []
     masses: list[float] = []

@@ -128,7 +128,10 @@ def _words_of(path: Path, content: bytes) -> _Words:
 
 
 def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
-    """Fortran records of the file `content`, each stored between two copies of its length; `FileError` if one is cut short."""
+    """Fortran records of the file `content`, each stored between two copies of its length.
+
+    `words` are byte order and word size. `FileError` if a record is cut short; its message begins with `path`.
+    """
     at, length_type = 0, f"{words.order}i4"
     while at < len(content):
         head = content[at : at + 4]
@@ -145,7 +148,7 @@ def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
     """Tables of the op2 file `content` in the file's order: name, and the data in bytes of each part from the third on.
 
     Parts alternate: heading, then values. Tables without a name (matrices) are left out. `FileError` if the file is cut
-    short or a record has the wrong length.
+    short or a record has the wrong length. `words` are byte order and word size; `path` is for errors.
     """
     records = _records(path, content, words)
     table: _Table | None = None
@@ -221,8 +224,8 @@ def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[
 def _generalized_masses(tables: list[_Table], words: _Words) -> dict[tuple[int | None, int], tuple[float, float]]:
     """Eigenvalue omega^2 and generalized mass, by (subcase, mode number), from the eigenvalue tables of a file.
 
-    Numbers are in the units of the model; the subcase is 0 if the file does not state one. Modes are numbered from 1, as in the
-    file.
+    Numbers are in the units of the model; the subcase is 0 if the file does not state one. Modes are numbered from 1,
+    as in the file. `words` are byte order and word size.
     """
     masses: dict[tuple[int | None, int], tuple[float, float]] = {}
     for table in tables:

@@ -223,7 +223,7 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
 def _read_datasets(path: Path, blocks: Sequence[UffDataset], notes: list[str]) -> list[_Mode]:
     """All modes of the file in order of frequency; `FileError` if there is none.
 
-    A note is appended to `notes` for datasets that hold other data.
+    A note is appended to `notes` for datasets that hold other data. `blocks` are all datasets of the file.
     """
     modes: list[_Mode] = []
     objections: Counter[str] = Counter()
@@ -346,6 +346,7 @@ def _turn_to_global_axes(
     """Turn `values` (mode, node, direction) of nodes with their own displacement systems to global axes, in place.
 
     Remarks are appended to `notes`. `FileError` if a node was measured in directions that are along no global axes.
+    `universal` has the nodes' coordinate systems, `nodes` are the labels along the second axis.
     """
     n_turned = 0
     for i, node in enumerate(nodes):
@@ -440,7 +441,8 @@ def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: in
     """Mode of a dataset of `lines`, whose nodes begin at line index `begin`.
 
     `stated` is its eigenvalue (rad/s), damping ratio and modal mass; `where` names the dataset in errors, `number` is
-    55 or 2414. `FileError` if a value is not finite or the data have an unknown layout.
+    55 or 2414. `FileError` if a value is not finite or the data have an unknown layout. `kind` is the layout that the
+    header of the dataset states.
     """
     s, ratio, mass = stated
     if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():

@@ -278,7 +278,7 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 
     The FRFs are in the scale of `band`. The lines around are 15 on either side, or n_lines / 80 if that is more. The
     mean is not below rounding of the largest FRF. A weight that included the error of its own line would make that
-    error look small.
+    error look small. `at` has the poles and participation.
     """
     scale = band.output_scale[:, None] * band.input_scale
     power = np.abs(residuals(data, at) / data.weights / scale) ** 2
@@ -293,7 +293,8 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
 def _is_lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
     """Mask (n_modes,) of poles that the fit moved out of the band, the damping range or the upper half plane.
 
-    A damping ratio must be within `options.criteria`; its frequency range has no part.
+    A damping ratio must be within `options.criteria`; its frequency range has no part. `at` has the poles after the
+    fit.
     """
     size = np.abs(at.poles)
     frequency, (low, high) = size / (2 * np.pi), band.edges
@@ -352,7 +353,8 @@ def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRec
 def _scaling_warning(outcomes: Sequence[_BandModes], driving: list[DrivingPoint]) -> str:
     """Warning that the driving point cannot scale shapes to mass, with the modes concerned; "" if it can.
 
-    A mode is concerned if the relative standard deviation of its factor exceeds 0.5.
+    A mode is concerned if the relative standard deviation of its factor exceeds 0.5. `outcomes` are the modes of each
+    band, `driving` the driving points.
     """
     doubt = np.concatenate([scaled_shapes(outcome.modes, driving)[2] for outcome in outcomes])
     still = np.flatnonzero(~(doubt <= _DOUBTFUL_SCALE))

@@ -339,7 +339,8 @@ def valley(spectrum: Spectrum, first: int, second: int) -> float:
 def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...]:
     """Frequency bands around spectral peaks (line indices), with the frequencies (Hz) of their modes, by frequency.
 
-    Touching bands with a valley less deep than a factor of 10 are merged; () without peaks.
+    Touching bands with a valley less deep than a factor of 10 are merged; () without peaks. The valley is that of the
+    first singular value of `spectrum`.
     """
     lines = sorted(int(k) for k in peaks)
     ends = {k: peak_range(spectrum, k, [other for other in lines if other != k]) for k in lines}

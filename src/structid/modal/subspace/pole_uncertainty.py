@@ -271,6 +271,7 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
     The residual of each record is shifted cyclically and added to its fitted decay; deviations are over the square root
     of `n_changes`, so that the sum of squares is the variance. Pieces of a decay cannot serve, since they are no
     repeats of each other. `max_order` is the number of leading singular vectors by which deviations are multiplied.
+    `motion` has the decay and residual of each record.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]

@@ -186,7 +186,8 @@ def error_deviations(
 
     Deviations are over the square root of 100, so that sums of their products are covariances. `averages` is the number
     of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and `max_order` is the
-    number of leading singular vectors by which deviations are multiplied.
+    number of leading singular vectors by which deviations are multiplied. `subspace` has the decomposition of the
+    matrix.
     """
     order = [record.references.index(dof) for dof in record.channels]
     scale = subspace.data.scale

@@ -253,8 +253,9 @@ def _damped(
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str], tuple[Cluster, ...]]:
     """Chosen poles (order number, pole index) of ambient motion, their clusters, notes, and the other clusters.
 
-    `options` hold criteria that exclude poles without damping; `before` are the poles (rad/s) chosen without this, and a note
-    names those lost. `scale` (n_channels,) divides shapes before they are compared. `NoModesError` if none is left.
+    `options` hold criteria that exclude poles without damping; `before` are the poles (rad/s) chosen without this, and
+    a note names those lost. `scale` (n_channels,) divides shapes before they are compared. `NoModesError` if none is
+    left. `sweep` has the poles of each model order.
     """
     selection = picked_poles(sweep, scale, options)
     picked = selection.places
@@ -277,7 +278,9 @@ def _standing_out(
     """The chosen poles, their clusters and the free decay, without modes that do not stand out of the noise.
 
     `picked` are pairs (order number, pole index); modes left out are named in `notes`. All are kept if none stands out.
-    `chosen_clusters` are those of the poles, in their order.
+    `chosen_clusters` are those of the poles, in their order. A mode stands out if its amplitudes exceed what poles
+    fitted to noise reach. `sweep` has the poles of each model order, `motion` the records split into decay and
+    residual.
     """
     s = poles_of(sweep, picked)
     keep = stands_out(data, s)
@@ -296,7 +299,8 @@ def _keep_certain_modes(
 
     T is the duration of the longest record. The limit is half as large for modes with a probability below 0.3. Without a clean
     free decay, duplicates and modes with a phase collinearity below 0.5 are left out too. In free decays modes must also have
-    a frequency deviation of at most 0.5 % or 1 % of the energy, unless `options.deviation` is set, and must not be tones.
+    a frequency deviation of at most 0.5 % or 1 % of the energy, unless `options.deviation` is set,
+    and must not be tones. `motion` says how much of each record is free decay.
     """
     modes, std = identification.modes, identification.modes.frequency_std
     doubtful = identification.probability < _PERHAPS
@@ -581,8 +585,9 @@ def _modal_record(
 ) -> ModalRecord:  # fmt: skip
     """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and warnings.
 
-    `picked` are pairs (order number, pole index). Without `changes` there is no covariance. `notes` become warnings, and
-    further ones are appended to this list in place.
+    `picked` are pairs (order number, pole index). Without `changes` there is no covariance. `notes` become warnings,
+    and further ones are appended to this list in place. `subspace` and `sweep` are the decomposition and the poles of
+    each order; `motion` says how much is free decay.
     """
     data = subspace.data
     s = poles_of(sweep, picked)

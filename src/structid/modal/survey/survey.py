@@ -405,7 +405,7 @@ def _identify_at_rates(record: Record, options: ModesOptions) -> tuple[ModalIden
 def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSpectra) -> ModalIdentification:
     """Identification with a warning on spectral peaks inside the frequency limits that no mode explains, if any.
 
-    It is returned unchanged where `frequencies` were asked for.
+    It is returned unchanged where `frequencies` were asked for. `spectra` have the first singular value at each line.
     """
     low, high = identification.options.criteria.frequency
     level = spectra.values[:, 0] if spectra.is_power else spectra.values[:, 0] ** 2

@@ -56,7 +56,8 @@ def likeliest_std(setup: SensingSetup, reduced: ReducedMatrices, process: ForceP
     It is sought from 0.01 to 3 times that which makes the measured motion (100 times for a free structure). A model
     whose resonances are off by a part of their width makes far larger forces likelier than those that move the sensors
     as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
-    result is not trusted.
+    result is not trusted. `reduced` is the structure on its modes, with known forces first among its inputs, then
+    unknown ones.
     """
     size, above = _first_std(setup, reduced, process), _decades_above(reduced)
     search = minimize_scalar(
@@ -81,6 +82,7 @@ def likeliest_time(
     falls with the time to the power `order` - 1/2, so that the spectral density at high frequencies stays; a stated
     `std`, N, is kept, None is estimated. Where the estimate runs into its upper limit, the size of the motion decides
     instead, and the result is not trusted. The search goes through all times first, unless that of `process` `is_near`.
+    `reduced` is the structure on its modes.
     """
     shortest, longest = np.log(_SHORTEST / setup.rate), np.log(len(setup.channels.measured) / setup.rate / 4)
     above = _decades_above(reduced)
@@ -146,7 +148,8 @@ def likeliest_order(setup: SensingSetup, reduced: ReducedMatrices, chosen: Chose
     """Forces whose spectrum falls more steeply, where the record is likelier under them by more than chance; else None.
 
     By more than chance is a log-likelihood above the greatest so far by over 2. They have a correlation time and a size
-    too, so that nothing else is weighed. A higher order than that of `chosen` is tried while it is likelier.
+    too, so that nothing else is weighed. A higher order than that of `chosen` is tried while it is likelier. `reduced`
+    is the structure on its modes.
     """
     best = chosen
     while best.process.order < HIGHEST_ORDER:
@@ -167,7 +170,7 @@ def likeliest_frequency(
     likeliest of a few correlation times. Searches with and without a frequency have a correlation time and a size; the
     frequency is one parameter more, which must raise the greatest likelihood by enough: Schwarz (1978), Annals of Statistics
     6, 461-464. None also for too few samples, and where the likeliest forces would move the sensors by far more than the
-    record: such forces hide any model error.
+    record: such forces hide any model error. `reduced` is the structure on its modes, `chosen` the forces without a frequency.
     """
     count, rate = len(forces), setup.rate
     if count < _FEWEST:

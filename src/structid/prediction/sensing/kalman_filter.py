@@ -221,8 +221,8 @@ def simulate_record(setup: SensingSetup, fit: Filtered, rng: np.random.Generator
 def _first_covariance(setup: SensingSetup, steady: SteadyFilter) -> FloatArray:
     """Covariance (n_states, n_states) of the state at the start of the record.
 
-    Without unknown forces modes may also have moved by themselves, so that the sensors read ten times what they read in the
-    record.
+    Without unknown forces modes may also have moved by themselves, so that the sensors read ten times what they read in
+    the record. `steady` has the stationary covariance under all forces.
     """
     free, reading = steady.free, steady.system.reading
     if free is None:

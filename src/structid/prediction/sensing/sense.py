@@ -236,8 +236,8 @@ def _within_uncertainty(
 ) -> tuple[Smoothed, FloatArray, InnovationVerdict]:
     """Smoothed outputs of a model, their deviation (n_times, n) with that of `others` within its uncertainty, and the verdict.
 
-    Outputs are, in order, the wanted ones, left-out sensors and unknown forces, each of which is `process`; `seed` is that of the
-    simulated records with which the innovations are compared.
+    Outputs are, in order, the wanted ones, left-out sensors and unknown forces, each of which is `process`; `seed` is that of
+    the simulated records with which the innovations are compared. `reduced` is the identified structure on its modes.
     """
     fit, rng = fit_record(setup, reduced, process), np.random.default_rng([seed, 1])
     nominal = smooth(setup, fit)

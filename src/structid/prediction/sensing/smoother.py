@@ -36,7 +36,7 @@ def smooth(setup: SensingSetup, fit: Filtered) -> Smoothed:
     """Smoothed wanted outputs, left-out sensors and unknown forces, in this order, with their variance at each sample.
 
     Mean and variance are (n_times, n); the variance is larger near the ends of the record. The covariance (n, n) is the
-    one far from the ends.
+    one far from the ends. `fit` is the Kalman filter run over the record.
     """
     (mean, back), steady = smoothed_outputs(setup, fit), fit.steady
     predicted, updated, rows = steady.predicted, steady.updated, steady.system.wanted
@@ -54,7 +54,7 @@ def smoothed_outputs(setup: SensingSetup, fit: Filtered) -> tuple[FloatArray, Fl
     """Smoothed outputs (n_times, n), and the smoother gain (n_states, n_states).
 
     Outputs are in order the wanted ones, left-out sensors and unknown forces. The gain is the factor by which the error
-    of a later state corrects the state one sample before.
+    of a later state corrects the state one sample before. `fit` is the Kalman filter run over the record.
     """
     steady, system, before = fit.steady, fit.steady.system, fit.before()
     back = np.linalg.solve(steady.predicted, system.transition @ steady.updated).T
@@ -71,7 +71,7 @@ def error_spectra(
 
     Outputs are in order the wanted ones, left-out sensors and unknown forces; densities are up to one factor.
     `frequency` is in Hz. The second is the error of the smoother far from the ends of a record. `process` is that of
-    each unknown force.
+    each unknown force. `reduced` is the structure on its modes.
     """
     system = state_equations(setup, reduced, process)
     root = square_root(system.noise).astype(complex)

@@ -32,7 +32,8 @@ def slow_motion_words(
     Bands do so where, from the lowest frequency on, more than half of the variance of the motion remains open, and this
     makes over 30 % of the variance of its error. Accelerometers hardly tell slow motion: their noise hides it. Its band
     is then that of forces whose size at low frequencies follows from a spectrum fitted to high ones. `outputs` are the
-    first of the outputs of the filter; `motion` is the word for what is sensed.
+    first of the outputs of the filter; `motion` is the word for what is sensed. `reduced` is the structure on its
+    modes, `process` that of each unknown force.
     """
     frequency = np.geomspace(setup.rate / len(setup.driving), setup.rate / 2, _LOOKED_AT)
     tables = error_spectra(setup, reduced, process, frequency)

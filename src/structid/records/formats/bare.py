@@ -104,7 +104,8 @@ def _require_present(path: Path, shapes: Shapes, name: str) -> None:
 def _choose_array(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str:
     """Name of the array to read: `wanted`, or if that is "" the only numeric array whose name is not in `taken`.
 
-    Raises `FileError` if there is none, `InputError` if there are several.
+    Raises `FileError` if there is none, `InputError` if there are several. `shapes` has the shape and type of each
+    array of the file by name.
     """
     if wanted:
         _require_present(path, shapes, wanted)

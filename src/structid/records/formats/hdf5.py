@@ -55,7 +55,8 @@ def _with_stated_units(
 ) -> tuple[ReadOptions, str]:
     """Options completed by the units in the attributes of the arrays to read, and words on them ("" if nothing was added).
 
-    Raises `InputError` if an attribute contradicts a unit that `options` has already.
+    `shapes` has the shape and type of each array by name, `attributes` the texts at ``array@attribute``. Raises
+    `InputError` if an attribute contradicts a unit that `options` has already.
     """
     stated: dict[str, tuple[str, ...]] = {}
     for address, value in attributes.items():

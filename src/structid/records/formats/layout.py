@@ -139,7 +139,10 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
 
 
 def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
-    """The time record made from `fields` in structid's layout; `path` is named in errors."""
+    """The time record made from `fields` in structid's layout; `path` is named in errors.
+
+    Raises `FileError` if the samples are complex.
+    """
     channels = parse_dofs(_texts(path, fields, "channels"))
     values = _array(path, fields, "values")
     if values.dtype.kind == "c":

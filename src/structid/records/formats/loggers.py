@@ -40,7 +40,10 @@ def read(path: Path, options: ReadOptions, logger: LoggerFormat) -> FrfRecord | 
 
 
 def _read_channels(path: Path, logger: LoggerFormat) -> list[Channel]:
-    """Channels of the file at `path`, read in a child process; `FileError` if the library is missing or fails."""
+    """Channels of the file at `path`, read in a child process; `FileError` if the library is missing or fails.
+
+    `logger` says which library reads it.
+    """
     if find_spec(PACKAGES[logger.kind].partition(".")[0]) is None:
         raise FileError(
             f"{path}: {logger.words} files need the package {PACKAGES[logger.kind]}; pip install structid[{logger.extra}], or"
@@ -63,8 +66,9 @@ def _read_channels(path: Path, logger: LoggerFormat) -> list[Channel]:
 def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:
     """The channels chosen by `options.columns` on a common clock, cut to the time span that they share.
 
-    Without `columns`, all but the channel of times are taken; uneven times are resampled where `options.resample` asks for
-    it. `words` begin the note on what was read.
+    Without `columns`, all but the channel of times are taken; uneven times are resampled where `options.resample` asks
+    for it. `words` begin the note on what was read. Raises `FileError` if no channel but times is there, `InputError`
+    if rates differ or channels share no time.
     """
     names = [channel.name for channel in channels]
     numbers = list(range(1, len(channels) + 1))
@@ -174,7 +178,8 @@ def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float
 def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
     """Sampling rate in Hz and first time in s of a channel, from the file or the option `sampling_rate`.
 
-    Raises an error if neither states the rate, both differ, or the channel is sampled unevenly.
+    Raises `FileError` if the channel is sampled unevenly, `InputError` if neither states the rate, the file states it too
+    roughly, or both differ.
     """
     stated = options.sampling_rate
     if not channel.rate:

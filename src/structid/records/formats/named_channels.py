@@ -187,6 +187,8 @@ def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str]
 def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The time record of the channels that `options` choose, with units, names and gaps as they state.
 
+    `source` has the file's names, units, samples (n_times, n_channels) and clock.
+
     Raises
     ------
     FileError

@@ -156,8 +156,10 @@ def _matrix_of_array(
 ) -> _MatrixOfArray:
     """The array that the options choose, with name, values in SI, channels, references and quantities.
 
-    The values are (n_points, n_channels, n_references), scaled by the units of both channels. `names` are those of the file's
-    arrays, `load` returns an array by its name, `n_points` is required (None for any), and `points` is "lines" or "lags".
+    The values are (n_points, n_channels, n_references), scaled by the units of both channels. `names` are those of the
+    file's arrays, `load` returns an array by its name, `n_points` is required (None for any), and `points` is "lines"
+    or "lags". Raises `FileError` if the array is missing or holds no numbers, `InputError` if an option is missing or
+    does not fit.
     """
     require_option(path, options, "channels", "where its channels were measured")
     if not options.quantities and not options.units:

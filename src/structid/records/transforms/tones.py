@@ -608,7 +608,8 @@ def _amplitude_columns(time: FloatArray, phase: _Phase, degrees: tuple[int, int]
     """Terms by which a tone's amplitude may change, (n_times, n_terms), at `time` (n_times,) in s.
 
     They are Legendre polynomials of time and of the tone's frequency, with `degrees` in this order. From degree 2 in
-    frequency on, terms with its rate of change are added, since a structure answers with a delay.
+    frequency on, terms with its rate of change are added, since a structure answers with a delay. `phase` is that of
+    the tone.
     """
     columns = np.polynomial.legendre.legvander(2 * time / phase.duration - 1, degrees[0])
     if not degrees[1]:

@@ -607,6 +607,7 @@ def _parse_column(
     """Degrees of freedom, unit, part and factor to SI of column `j`; the unit is None for phases and coherences.
 
     `outputs` and `inputs` map the table's names to degrees of freedom where these differ. Errors name line and column.
+    `head` is what the header says. Raises `FileError` if the header cannot be read.
     """
     try:
         output = parse_dof(outputs.get(head.output, head.output))
@@ -691,6 +692,7 @@ def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
     """The FRF unit parsed from a header's text; ``1``, ``-`` and the like mean a transmissibility of motion.
 
     Raises `InputError` if the text is no FRF unit, or a dimensionless ratio combines a translation and a rotation.
+    `output` and `load` are the degrees of freedom of the FRF.
     """
     if text.strip() not in _RATIOS:
         return parse_frf_unit(text)

@@ -128,6 +128,7 @@ def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
     """Factor from the first column to Hz; None if it holds no frequencies, NaN if their unit is not stated.
 
     `name` and `unit` are the column's header, `axis_unit` the option that states the unit otherwise ("" if not set).
+    `FileError` if the header states two units, `InputError` if option and header differ.
     """
     try:
         by_table = frequency_factor(name, unit)
@@ -149,7 +150,8 @@ def _split_complex(
 ) -> tuple[Grid, tuple[str, ...], tuple[str, ...]]:
     """Grid, names and units of the table with each column of complex cells replaced by two, headed ``re`` and ``im``.
 
-    The first row decides which columns are complex; `FileError` if a later cell in such a column is not.
+    The first row decides which columns are complex; `FileError` if a later cell in such a column is not. `grid` has the
+    cells, `names` and `units` are those of the columns.
     """
     split = [complex_parts(cell) is not None for cell in grid.rows[0][: len(names)]]
     if not any(split):
@@ -290,7 +292,7 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
 
     `count` is the number of columns, `comma` says that numbers have decimal commas, `dated` are the indices of columns
     of dates, which become NaN, and `gaps` allows empty cells after the first column, which become NaN, and infinite
-    ones.
+    ones. `rows` are the lines and their separator.
     """
     lines, sign = rows.lines, rows.separator
     if comma:
@@ -332,7 +334,10 @@ def _ends_empty(line: str, separator: str, count: int) -> bool:
 
 
 def _with_nan(line: str, separator: str) -> str:
-    """The line with ``nan`` written into its empty cells, except the first."""
+    """The line with ``nan`` written into its empty cells, except the first.
+
+    Cells are divided by `separator`.
+    """
     empty = separator + separator
     if empty in line:
         line = line.replace(empty, f"{separator}nan{separator}").replace(empty, f"{separator}nan{separator}")

@@ -38,7 +38,7 @@ _COUNTS = {2: "two", 3: "three"}
 def dof_of(path: Path, node_and_direction: tuple[int, int], role: str, function: int) -> Dof:
     """The degree of freedom of a node and direction of a universal file (1 to 3 translations, 4 to 6 rotations, signed).
 
-    `role` and `function` (its number) are for errors.
+    `node_and_direction` are both numbers as the file has them; `role` and `function` (its number) are for errors.
 
     Raises
     ------
@@ -271,7 +271,8 @@ def _global(dof: Dof, axis: int, sign: int) -> Dof:
 def _describe_skewed(dof: Dof, axes: FloatArray, is_load: bool) -> str:
     """Text of the error on a channel along no global axis, which says how to state its direction in a study.
 
-    `axes` (3, 3) holds the local axes of its node as rows, in global coordinates.
+    `axes` (3, 3) holds the local axes of its node as rows, in global coordinates. `dof` is in local axes; `is_load` is
+    true of a load.
     """
     way = ", ".join(f"{part:.5g}" for part in axes[dof.axis % 3])
     name = f"{'load ' if is_load else ''}{dof.place}"

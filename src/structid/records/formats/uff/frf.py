@@ -120,7 +120,10 @@ def read_frfs(
 
 
 def _unit_words(functions: Sequence[Dataset58], options: ReadOptions) -> str:
-    """Note on the unit of the FRFs, by the option `unit` or by labels that are not SI; "" if all labels are SI."""
+    """Note on the unit of the FRFs, by the option `unit` or by labels that are not SI; "" if all labels are SI.
+
+    `functions` are the FRFs that were read.
+    """
     labels = {(f.ordinate.label, f.denominator.label) for f in functions}
     if options.unit:
         stated = [
@@ -322,7 +325,7 @@ def _stack_coherence(
 
     `by_pair` are the FRFs that they belong to, `frequency` (n_frequencies,) the lines in Hz that they must share, and
     `to_hertz` the factor from their abscissa to Hz. Raises `FileError` if a pair has two, one is complex, or has other
-    lines.
+    lines. `coherences` are all coherences of the file; `outputs` and `inputs` are those of the axes.
     """
     of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:

@@ -217,7 +217,8 @@ def _parse_characteristics(line: str) -> Characteristics:
 def _text_values(where: str, block: UffDataset, points: int, columns: int) -> FloatArray:
     """Values of an ASCII dataset, (`points`, `columns`); zeros that fill up the last line are dropped.
 
-    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over.
+    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over. `points` and `columns`
+    are their numbers as the header says.
     """
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
@@ -367,7 +368,8 @@ def one_axis_unit(path: Path, functions: list[Dataset58], kind: _AxisKind, optio
 def qualifier_words(path: Path, blocks: Sequence[UffDataset], ordinals: Collection[int]) -> str:
     """Note on exponential windows that dataset 1858 states for the functions `ordinals`; "" if there are none.
 
-    `ordinals` count the functions of the file from 1.
+    `ordinals` count the functions of the file from 1. `blocks` are all datasets of the file; one of number 1858 belongs
+    to the function before it.
 
     Raises
     ------

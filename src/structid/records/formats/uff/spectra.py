@@ -253,6 +253,7 @@ def _scaled_matrix(
     `values_of(path, function, (response, reference), is_reverse)` returns the values of a function, for the reversed
     pair if `is_reverse`. Units come from `options.units`, or from labels and `factors` (dataset 164). `by_pair` has the
     functions by response and reference. Raises `FileError` if a channel is not of motion, or of two quantities.
+    `references` are the channels along the last axis.
     """
     stated: dict[Dof, float] = {}
     quantity_of: dict[Dof, str] = {}

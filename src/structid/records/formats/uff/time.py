@@ -131,7 +131,10 @@ def _require_distinct(
 
 
 def _unit_words(times: Sequence[Dataset58], options: ReadOptions) -> str:
-    """Note on the units of the channels, by the option `units` or by labels that are not SI; "" if all labels are SI."""
+    """Note on the units of the channels, by the option `units` or by labels that are not SI; "" if all labels are SI.
+
+    `times` are the functions that were read.
+    """
     labels = dict.fromkeys(function.ordinate.label for function in times)
     if options.units:
         several = options.units if len(options.units) == len(times) else options.units[:1] * len(times)
@@ -171,7 +174,8 @@ def _quantities_and_factors(
 ) -> tuple[tuple[Quantity, ...], FloatArray]:
     """Quantities of the channels and their factors to SI, (n_channels,), from `options.units`, or from the file.
 
-    `factors` are those of dataset 164. Raises `InputError` if `options.quantities` contradicts the file.
+    `factors` are those of dataset 164. Raises `InputError` if `options.quantities` contradicts the file. `times` are
+    the functions, one for each of `channels`.
     """
     if options.units:
         return channel_units(path, channels, options)

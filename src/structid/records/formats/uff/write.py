@@ -107,8 +107,8 @@ def _function_bytes(
 ) -> bytes:
     """Bytes of a dataset 58b with `values` (n_points,); `load` None leaves the reference out.
 
-    `number` is the function type (1 time response, 4 FRF, 6 coherence), and `text` holds five title lines, then the lines of
-    ordinate and denominator.
+    `number` is the function type (1 time response, 4 FRF, 6 coherence), and `text` holds five title lines, then the
+    lines of ordinate and denominator. `output` and `load` are response and reference, `axis` is the abscissa.
     """
     is_complex = np.iscomplexobj(values)
     columns = [values.real, values.imag] if is_complex else [values]
