@@ -187,7 +187,8 @@ def matlab(path: str) -> dict[str, StoredEntry]:
 def _note_matlab(variables: dict[str, StoredEntry], name: str, value: np.ndarray | sparse.csc_array) -> None:
     """Add the MATLAB variable `value` to `variables` by its `name`, or each field of a struct as ``name.field``.
 
-    Objects, arrays of structs, and cells of other things than texts are left out; a sparse matrix becomes its parts.
+    A sparse matrix becomes a dictionary of its shape, starts of columns, rows and values. Objects, arrays of structs,
+    and cells of other things than texts are left out.
     """
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 

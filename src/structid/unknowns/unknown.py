@@ -386,8 +386,10 @@ def _parameter_per_element(
 ) -> tuple[tuple[str, ...], IntArray]:
     """Labels of the parameters when `each` is set, and the parameter index of each entry, (n_entries,).
 
-    `indices` (n_entries,) are the entries' positions among the property values, `item` (n_entries,) the index of the
-    property of each in `items`. There is one parameter for every `each` elements, in the order in which they are named.
+    There is one parameter for every `each` elements, in the order in which they are named. Labels are such as
+    ``beam:3`` for one element, ``beam:1-4`` for several, or ``beam`` alone where the set has one element; the name that
+    the declaration states stands for that of a larger set. `indices` (n_entries,) are the entries' positions among the
+    property values, `item` (n_entries,) the index of the property of each in `items`.
     """
     single = [len(item_property.term.values) == 1 for item_property in items]
     words = [

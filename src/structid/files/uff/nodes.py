@@ -216,7 +216,7 @@ class _Node:
 def _read_node_rows(path: Path, tables: Sequence[UffDataset]) -> dict[int, _Node]:
     """Nodes by label in `tables`, datasets of the same number (15, 781 or 2411), as the file has them.
 
-    Raises `FileError` if a line cannot be read, or a node has two positions.
+    Raises `FileError` if a line cannot be read, a position is not finite, or a node is stated twice in different ways.
     """
     nodes: dict[int, _Node] = {}
     for block in tables:

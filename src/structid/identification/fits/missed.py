@@ -106,8 +106,8 @@ def missed_parts(
 def _tested_parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
     """Parts of a record to be tested: name, residual rows, and the chi-square per value above which the part is missed.
 
-    A record of modes has a part for each kind of value, any other record is one part. `name` is the record, "" for a
-    single one. `residual` (n_residuals,) is whitened; rows of a part are (n,).
+    A record of modes has a part for each kind of value, without residuals of exactly 0; any other record is one part.
+    `name` is the record, "" for a single one. `residual` (n_residuals,) is whitened; rows of a part are (n,).
     """
     if compares_modes(problem):
         kinds = problem.row_kinds

@@ -195,7 +195,10 @@ def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
 
 
 def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
-    """Mask (n_frequencies,) of the values of `frequency` (Hz) inside the band of `options` and outside its excluded stretches.
+    """Mask (n_frequencies,) of the values of `frequency` (Hz) in the band of `options` and outside excluded stretches.
+
+    Ends of the band belong to it, ends of an excluded stretch to the stretch. Without a band all values lie inside. The
+    mask is False throughout if no value lies in the band.
 
     Raises
     ------

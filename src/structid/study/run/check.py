@@ -569,9 +569,10 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
-    """A list with one warning if a set of parameters could be scaled together unnoticed, as with modes alone; else empty.
+    """A list with one warning if a set of parameters could be scaled together unnoticed, as with modes alone.
 
-    `jacobian` (n_data, n_params) is by relative changes; `identified` (n_params,) masks the identified parameters.
+    It is empty otherwise, and if a parameter of the set is identified. `jacobian` (n_data, n_params) is by relative
+    changes; `identified` (n_params,) masks the identified parameters.
     """
     members = common_scale(jacobian, problem.unknowns.kinds)
     if members is None or identified[members].any():

@@ -255,7 +255,10 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
 
 
 def matrix_files(path: Path) -> list[Path]:
-    """Files that an export of matrices to `path` may write: matrices, and a text file with the numbering of rows."""
+    """Files that an export of matrices to `path` may write: matrices, and a text file with the numbering of rows.
+
+    By the suffix of `path`, all matrices go into one file, or each into its own (.npz, .npy, .mtx); .inp has both.
+    """
     files = [path, path.with_suffix(".dofs.txt")]
     if path.suffix.lower() in _ONE_EACH:
         files[:1] = [_file_of(path, name) for name in _MATRICES]

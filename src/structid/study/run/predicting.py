@@ -138,7 +138,8 @@ def predict_stored(
 ) -> StudyPrediction:
     """Predictions from the results folder `folder` of the study `source`, which has been read, after `changes`.
 
-    Modes are always predicted. FRFs need sensors and loads, histories and maxima a load over time, spectra a noise.
+    Modes are always predicted. FRFs need sensors and loads; histories and maxima need a load over time, or a noise with
+    a sampling rate; spectra need a noise with a duration. Predictions that were not asked for are None.
 
     Raises
     ------

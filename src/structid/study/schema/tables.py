@@ -131,7 +131,7 @@ class Table:
 
     @property
     def schema(self) -> Schema:
-        """The table as JSON Schema: an object with its keys and no others.
+        """The table as JSON Schema: an object with its keys and no others, but for numbers as keys if it has `labels`.
 
         Where the table may be written as one value instead (`short`), the schema allows either.
         """

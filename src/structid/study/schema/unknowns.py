@@ -129,9 +129,10 @@ def _restrict_to_structure(unknown: Unknown, structure: Structure, element_sets:
 
 
 def _faulty_declaration(structure: Structure, unknowns: list[Unknown]) -> int:
-    """Index of the first declaration that cannot be used alone, else together with those before it, else because of its tie.
+    """Index of the first declaration that cannot be used: alone, else with those before it, else because of its tie.
 
-    `unknowns` are the declarations, in the order of the study.
+    If none of these fails, it is the first declaration with a tie, else 0. `unknowns` are the declarations, in the
+    order of the study.
     """
     plain = [replace(unknown, tied_to=None) for unknown in unknowns]
     for i in range(len(unknowns)):

@@ -177,7 +177,8 @@ def _element_key(name: str) -> Key:
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
     """All keys of the element type `kind`.
 
-    With `on_mesh`, ``nodes`` is optional and ``group``, of cells of the mesh, is a key.
+    With `on_mesh`, a type that has nodes may leave ``nodes`` out. Its key ``group`` names cells of the mesh in their
+    place.
     """
     table = own_table(kind)
     if "nodes" not in table.keys:
