@@ -366,9 +366,9 @@ def _weighted_mean(
 ) -> tuple[FloatArray, FloatArray | None]:
     """Weighted mean (n_quantities,) of frequencies and damping ratios over set-ups, and its covariance (None if unknown).
 
-    A quantity whose deviation no set-up states is the plain mean over set-ups that know it, with NaN in the covariance.
-    `values` and `variance` are (n_setups, n_quantities), `covariances` (n_quantities, n_quantities) for each set-up, and
-    `scatter` (n_quantities,) is the variance between set-ups.
+    Weights are 1 / (variance + scatter). A quantity whose deviation no set-up states is the plain mean over set-ups that
+    know it, with NaN in the covariance. `values` and `variance` are (n_setups, n_quantities), `covariances`
+    (n_quantities, n_quantities) for each set-up, and `scatter` (n_quantities,) is the variance between set-ups.
     """
     counts = _stated(variance) & ~np.isnan(values)
     weighed = counts.any(axis=0)

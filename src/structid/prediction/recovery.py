@@ -420,7 +420,7 @@ class OutputMap:
         return sparse.csc_array(self.columns @ spread.tocsc())
 
     def joined(self, values: FloatArray) -> FloatArray:
-        """Outputs (..., n_outputs) from `values` (..., n_rows): three components are joined to one von Mises stress."""
+        """Outputs (..., n_outputs) from `values` (..., n_rows): three rows of stress components become one von Mises stress."""
         if self.is_linear:
             return values
         parts = [values[..., a:b] for a, b in zip(self.first[:-1], self.first[1:], strict=True)]

@@ -208,6 +208,12 @@ def printed_record(
 
     Parameters
     ----------
+    path : Path
+        File, for errors and the `source` of the record.
+    printed : PrintedModes
+        Points, eigenvalues and vectors in the units of the model.
+    options : ModeFileOptions
+        Units of the model.
     axes : mapping of int to (3, 3) array, optional
         Axes, as rows in global ones, along which each point moves; without it the vectors are taken as global.
     words : sequence of str

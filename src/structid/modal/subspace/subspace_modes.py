@@ -662,7 +662,7 @@ def changes_of_poles(
 
 
 def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> FloatArray:
-    """Covariance (2 n, 2 n) of n frequencies (Hz), then n damping ratios, as sum over `changes`.
+    """Covariance (2 n, 2 n) of n frequencies (Hz), then n damping ratios: the sum of x x' over `changes` x.
 
     With at most 2 n changes, entries between different modes are set to 0, and a note is appended to `notes`.
     """

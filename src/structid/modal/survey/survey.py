@@ -453,7 +453,8 @@ def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
 def mode_spectra(record: Record) -> ModeSpectra:
     """Singular values, greatest first, of the spectral matrix of a time record, or of the FRF matrix, for every line.
 
-    Time records: powers in 1/Hz, channels scaled to a root mean square of 1, without the line at 0 Hz.
+    The singular values are (n_lines, n_values). Those of a time record are powers in 1/Hz of channels scaled to a root
+    mean square of 1, without the line at 0 Hz; those of FRFs are in the unit of the record.
     """
     if isinstance(record, FrfRecord):
         values = np.linalg.svd(record.values, compute_uv=False)

@@ -130,7 +130,7 @@ def steady_filter(setup: SensingSetup, system: StateEquations) -> SteadyFilter:
     """The part of a Kalman filter under the equations `system` that all readings under the known forces share.
 
     It holds gains and covariances once they have settled, and those of the first state. Before the record known forces
-    count as noise of ten times their size, since nobody knows what they did then.
+    count as noise of ten times their size, since nobody knows what they did then. `setup` has the record and its forces.
 
     Raises `NoAnswerError` if the sensors see too little or the filter loses its digits.
     """
@@ -221,8 +221,8 @@ def simulate_record(setup: SensingSetup, fit: Filtered, rng: np.random.Generator
 def _first_covariance(setup: SensingSetup, steady: SteadyFilter) -> FloatArray:
     """Covariance (n_states, n_states) of the state at the start of the record.
 
-    Without unknown forces modes may also have moved by themselves, so that the sensors read ten times what they read in
-    the record. `steady` has the stationary covariance under all forces.
+    It is the stationary covariance under all forces, which `steady` has. Without unknown forces that of free vibration
+    is added, scaled so that the sensors read ten times what they read in the record.
     """
     free, reading = steady.free, steady.system.reading
     if free is None:

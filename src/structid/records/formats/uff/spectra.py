@@ -222,7 +222,7 @@ def _complete_references(
 
 
 def _densities(path: Path, functions: Sequence[Dataset58]) -> bool:
-    """True if all functions are densities (per Hz) by type or label, False if none is; `FileError` if some are."""
+    """True if all functions are densities (per Hz) by type or label, False if none is; `FileError` if only some are."""
     answers = {function.kind == 9 or _is_per_hertz(function) for function in functions}
     if len(answers) > 1:
         raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
