@@ -95,7 +95,8 @@ class FrfRecord(Shown):
     averages : int, optional
         Number of independent averages behind each value.
     noise_source : str
-        Where `variance` comes from: ``"coherence"``, ``"repeats"``, ``"declared"`` or ``"unknown"``.
+        Where `variance` comes from: ``"coherence"``, ``"repeats"``, ``"declared"``, ``"scatter"`` of neighbouring lines or
+        ``"unknown"``.
     source : str
         File or procedure that the record comes from.
     decay : (n_frequencies,) float array, optional

@@ -53,6 +53,7 @@ _NOISE = {
     "coherence": "from coherence and number of averages",
     "repeats": "from the scatter of repeated measurements",
     "declared": "declared by the user",
+    "scatter": "from the scatter of neighbouring lines",
     "unknown": "not stated",
 }
 _INTERVALS = {

@@ -167,8 +167,9 @@ class FrfProblem(RecordProblem):
         """
         gaps, record = np.diff(self.frequency), self.record
         noise = _NOISE.get(record.noise_source, "the noise that the record has")
-        if record.variance is None:
-            noise = f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
+        if record.variance is None or record.noise_source == "scatter":
+            floor = "" if record.variance is None else " and the floor that neighbouring lines show"
+            noise = f"the assumed noise ({100 * self.model_error:.2g} % of each value{floor})"
         return RecordFacts(
             line_spacing=np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf),
             window_bandwidth=record.laplace.real / np.pi,

@@ -22,14 +22,19 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.records import FrfRecord
 from structid.records.quality.findings import Finding
+from structid.records.scatter import missing_floor, with_noise_floor
 from structid.unknowns import Parameters
 
 _RELATIVE_WEIGHT = 0.1
 #: Degrees of freedom from which on lines are found by a sweep by default, and its error.
 _LARGE, _USUAL_ERROR = 1000, 1e-5
 _NO_NOISE = (
-    "the record has no noise level: every line is weighted by its own magnitude, and standard deviations come from the"
+    "the record has no noise level: every line is weighted by its own magnitude{floor}, and standard deviations come from the"
     " scatter of the residual"
+)
+_NO_FLOOR = (
+    "the stated noise is too small between the resonances: neighbouring lines show {floor}, which was added to it; state"
+    " `absolute = {absolute:.2g}` in [record.noise]"
 )
 _AVERAGES = "; its coherence tells the noise once the number of averages is known: give `averages` in [record]"
 
@@ -83,13 +88,17 @@ class Setup(RecordSetup[FrfProblem]):
         warnings = [*record_warnings(used)]
         warnings += [words for component in self.structure.measured for words in component.line_warnings(lines)]
         model_error = options.model_error
+        floor = missing_floor(self.record.band(*used.frequency[[0, -1]]))
         if used.variance is None and model_error == 0:
             model_error = _RELATIVE_WEIGHT
-            warnings.append(_NO_NOISE + (_AVERAGES if used.coherence is not None else ""))
+            told = f" and by {_floor_range(floor, used.unit)}" if floor.any() else ""
+            warnings.append(_NO_NOISE.format(floor=told) + (_AVERAGES if used.coherence is not None else ""))
+        elif floor.any():
+            warnings.append(_NO_FLOOR.format(floor=_floor_range(floor, used.unit), absolute=float(floor.max())))
         problem = FrfProblem(
             self.structure,
             self.parameters,
-            used,
+            with_noise_floor(used, floor),
             options.residual,
             model_error,
             channels=self.channel_errors(self.channel_unknowns, used),
@@ -172,6 +181,13 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
             " the search begins without it"
         )
     return words
+
+
+def _floor_range(floor: FloatArray, unit: str) -> str:
+    """The range of the noise floors above 0 with their unit, such as "a noise floor of 0.03 to 0.05 (m/s^2)/N"."""
+    told = floor[floor > 0]
+    numbers = sorted({f"{told.min():.2g}", f"{told.max():.2g}"}, key=float)
+    return f"a noise floor of {' to '.join(numbers)}{'' if unit == '1' else f' {unit}'}"
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:

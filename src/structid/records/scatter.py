@@ -1,0 +1,120 @@
+"""The noise floor of frequency response functions, told by the scatter of neighbouring lines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.records.record import FrfRecord
+
+#: Orders of the differences: the higher tells the floor, and both agree where it is white and the lines resolve the response.
+_LOWER, _ORDER = 4, 6
+#: Least and greatest ratio of both variances that white noise gives, and fewest windows of quiet lines.
+_WHITE, _FEWEST_WINDOWS = (0.7, 1.4), 40
+#: Part of the windows that are quiet, by the size of their values.
+_QUIET = 0.5
+#: Greatest difference of two line spacings within a window, as a part of the median spacing.
+_EVEN = 1e-3
+#: Scatter over the stated noise on quiet lines from which on that is called too small, and how much more it is than on the others.
+_UNDERSTATED, _MORE_THAN_LOUD = 2.0, 1.5
+
+
+class LineScatter(NamedTuple):
+    """Scatter of neighbouring lines of each pair of sensor and load; all arrays are (n_outputs, n_inputs).
+
+    Attributes
+    ----------
+    floor : float array
+        Standard deviation of the complex noise on the quiet lines, in the unit of the record; 0 where it cannot be told.
+    quiet, loud : float array
+        Scatter over the stated standard deviation on the quiet half of the lines, and on the loud half; NaN without stated noise.
+    """
+
+    floor: FloatArray
+    quiet: FloatArray
+    loud: FloatArray
+
+
+def line_scatter(record: FrfRecord) -> LineScatter:
+    """The scatter of neighbouring lines of `record`, with the noise floor that it tells.
+
+    A smooth response cancels in sixth differences of evenly spaced lines, white noise does not (the weights of a difference of
+    order p have the sum of squares C(2 p, p)). The floor is the median of these differences over the half of the windows of
+    seven lines with the smallest values. It is 0 for a pair whose fourth differences give another size, since its noise is not
+    white there or its lines do not resolve the response, and for one with fewer than 40 such windows.
+    """
+    shape, n_windows = record.values.shape[1:], len(record.frequency) - _ORDER
+    scatter = LineScatter(np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan))
+    is_even = _evenly_spaced(record.frequency)
+    if np.count_nonzero(is_even) * _QUIET < _FEWEST_WINDOWS:
+        return scatter
+    higher = np.abs(_normalized_differences(record.values, _ORDER)) ** 2
+    margin = (_ORDER - _LOWER) // 2
+    lower = np.abs(_normalized_differences(record.values, _LOWER)[margin : margin + n_windows]) ** 2
+    size = _mean_of_windows(np.abs(record.values) ** 2)
+    stated = None if record.variance is None else _mean_of_windows(record.variance)
+    for pair in np.ndindex(shape):
+        is_small = size[:, *pair] <= np.quantile(size[is_even, *pair], _QUIET)
+        quiet, loud = is_even & is_small, is_even & ~is_small
+        variance = _median_variance(higher[quiet, *pair])
+        if variance == 0 or not _WHITE[0] < _median_variance(lower[quiet, *pair]) / variance < _WHITE[1]:
+            continue
+        scatter.floor[pair] = np.sqrt(variance)
+        if stated is not None:
+            over = np.divide(higher[:, *pair], stated[:, *pair], out=np.full(n_windows, np.inf), where=stated[:, *pair] > 0)
+            scatter.quiet[pair], scatter.loud[pair] = (np.sqrt(_median_variance(over[half])) for half in (quiet, loud))
+    return scatter
+
+
+def missing_floor(record: FrfRecord) -> FloatArray:
+    """Noise floor of each pair that the record does not state, (n_outputs, n_inputs), in its unit; 0 where none is missing.
+
+    Without stated noise it is the floor that neighbouring lines tell. Of stated noise it is missing where the lines scatter by
+    twice as much on the quiet half, and there by 1.5 times more than on the loud half: noise that is too small by one factor
+    everywhere is no missing floor.
+    """
+    floor, quiet, loud = line_scatter(record)
+    if record.variance is None:
+        return floor
+    return np.where((quiet >= _UNDERSTATED) & (quiet >= _MORE_THAN_LOUD * loud), floor, 0.0)
+
+
+def with_noise_floor(record: FrfRecord, floor: FloatArray) -> FrfRecord:
+    """`record` with the squares of `floor` (n_outputs, n_inputs) added to its variances; the same where all are 0.
+
+    The noise source of a record that states no noise becomes "scatter".
+    """
+    if not floor.any():
+        return record
+    stated = 0.0 if record.variance is None else record.variance
+    source = "scatter" if record.variance is None else record.noise_source
+    return replace(record, variance=np.broadcast_to(stated + floor**2, record.values.shape), noise_source=source)
+
+
+def _evenly_spaced(frequency: FloatArray) -> NDArray[np.bool_]:
+    """True for each window of seven lines that are evenly spaced, (n_lines - 6,); empty for fewer lines."""
+    spacing = np.diff(frequency)
+    if len(spacing) < _ORDER:
+        return np.zeros(0, dtype=bool)
+    usual = np.abs(spacing - np.median(spacing)) < _EVEN * np.median(spacing)
+    return np.lib.stride_tricks.sliding_window_view(usual, _ORDER).all(axis=1)
+
+
+def _normalized_differences(values: ComplexArray, order: int) -> ComplexArray:
+    """Differences of `order` along the lines, (n_lines - order, ...), of white noise with the variance of that noise."""
+    return np.diff(values, order, axis=0) / np.sqrt(comb(2 * order, order))
+
+
+def _mean_of_windows(values: FloatArray) -> FloatArray:
+    """Means over windows of seven lines, (n_lines - 6, ...), of `values` (n_lines, ...)."""
+    return np.lib.stride_tricks.sliding_window_view(values, _ORDER + 1, axis=0).mean(axis=-1)
+
+
+def _median_variance(squares: FloatArray) -> float:
+    """Variance of complex Gaussian noise from the median of its squared moduli, which are exponential; 0 without values."""
+    return float(np.median(squares) / np.log(2)) if len(squares) else 0.0

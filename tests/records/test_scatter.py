@@ -1,0 +1,94 @@
+"""The noise floor that neighbouring lines tell, on chains and noise made here with NumPy alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from structid import PointMass, Spring, Structure, Unknown, explain, identify, parameters
+from structid.records import FrfRecord, with_declared_noise
+from structid.records.scatter import line_scatter, missing_floor, with_noise_floor
+
+_FREQUENCY = np.linspace(5.0, 150.0, 600)
+_MASSES, _STIFFNESSES = np.diag([2.0, 1.5, 1.0]), (4e5, 3e5, 2e5)
+
+
+def _accelerance(frequency, loss_factor=0.01):
+    a, b, c = _STIFFNESSES
+    stiffness = np.array([[a + b, -b, 0.0], [-b, b + c, -c], [0.0, -c, c]]) * (1 + 1j * loss_factor)
+    omega = 2 * np.pi * np.asarray(frequency)
+    return np.array([-(w**2) * np.linalg.inv(stiffness - w**2 * _MASSES)[:, 2:] for w in omega])
+
+
+def _noisy(seed, floor=0.0, relative=0.0, frequency=_FREQUENCY):
+    rng, values = np.random.default_rng(seed), _accelerance(frequency)
+    noise = (rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)) / np.sqrt(2)
+    values = values + noise * np.hypot(floor, relative * np.abs(values))
+    return FrfRecord(frequency, values, outputs=["1X", "2X", "3X"], inputs=["3X"], kind="accelerance")
+
+
+@pytest.mark.parametrize("n_lines", [150, 600, 2000])
+def test_the_floor_has_the_size_of_the_noise(n_lines):
+    told = [line_scatter(_noisy(seed, 0.04, frequency=np.linspace(5, 150, n_lines))).floor for seed in range(20)]
+    assert np.all(np.array(told) > 0)
+    assert np.mean(told) == pytest.approx(0.04, rel=0.04)
+
+
+def test_a_response_without_noise_has_no_floor():
+    for loss_factor in (0.002, 0.01, 0.05):
+        for n_lines in (120, 600, 2000):
+            frequency = np.linspace(5.0, 150.0, n_lines)
+            record = FrfRecord(
+                frequency, _accelerance(frequency, loss_factor), outputs=["1X", "2X", "3X"], inputs=["3X"], kind="accelerance"
+            )
+            assert not line_scatter(record).floor.any()
+
+
+def test_lines_that_are_few_or_uneven_tell_no_floor():
+    assert not line_scatter(_noisy(1, 0.04, frequency=np.linspace(5, 150, 60))).floor.any()
+    assert not line_scatter(_noisy(1, 0.04, frequency=np.geomspace(5, 150, 600))).floor.any()
+    assert not line_scatter(_noisy(1, 0.04, frequency=np.linspace(5, 150, 4))).floor.any()
+
+
+def test_a_gap_between_lines_is_left_out():
+    frequency = np.concatenate([np.linspace(5, 60, 300), np.linspace(90, 145, 300)])
+    floor = line_scatter(_noisy(3, 0.04, frequency=frequency)).floor
+    assert floor == pytest.approx(np.full((3, 1), 0.04), rel=0.25)
+
+
+def test_a_floor_is_missing_where_the_statement_leaves_it_out_and_not_where_the_noise_has_one_other_size():
+    with_floor, of_size = _noisy(5, 0.04), _noisy(5, relative=0.03)
+    assert np.all(missing_floor(with_declared_noise(with_floor, relative=0.01)) > 0)
+    assert not missing_floor(with_declared_noise(with_floor, absolute=0.04)).any()
+    assert not missing_floor(with_declared_noise(of_size, relative=0.01)).any()
+    assert not missing_floor(with_declared_noise(of_size, relative=0.03)).any()
+
+
+def test_a_floor_is_added_to_the_variance():
+    record, floor = with_declared_noise(_noisy(5), relative=0.01), np.array([[0.1], [0.0], [0.2]])
+    added = with_noise_floor(record, floor)
+    assert added.variance - record.variance == pytest.approx(np.broadcast_to(floor**2, record.values.shape))
+    assert added.noise_source == "declared"
+    assert with_noise_floor(record, 0 * floor) is record
+    assert with_noise_floor(_noisy(5), floor).noise_source == "scatter"
+
+
+def _chain():
+    masses = [PointMass(f"mass {node}", node, mass=mass) for node, mass in ((1, 2.0), (2, 1.5), (3, 1.0))]
+    ground = Spring("ground", "1X", stiffness=3e5, loss_factor=0.01)
+    upper = Spring("upper", ["1X", "2X"], ["2X", "3X"], stiffness=3e5, loss_factor=0.01)
+    return Structure({1: 0.0, 2: 1.0, 3: 2.0}, [*masses, ground, upper], active=["X"])
+
+
+@pytest.mark.parametrize("relative", [0.0, 0.01])
+def test_a_right_model_is_right_with_a_floor_that_nobody_stated(relative):
+    record = _noisy(7, 0.04)
+    record = with_declared_noise(record, relative=relative) if relative else record
+    structure = _chain()
+    unknown = [Unknown("stiffness", "ground"), Unknown("stiffness", "upper", each=True)]
+    found = identify(structure, parameters(structure, unknown), record)
+    assert explain(found).judgement.verdict in ("sound", "approximate")
+    assert found.estimate.values == pytest.approx(_STIFFNESSES, rel=0.003)
+    said = " ".join(found.warnings)
+    assert ("stated noise is too small between the resonances" in said) == bool(relative)
+    assert "noise floor of 0.0" in said
