@@ -57,6 +57,7 @@ SMALL: dict[str, str] = {
     "accuracy/mesh_pieces.py": "--repeats 1",
     "accuracy/merged_setups.py": "--repeats 1 --duration 120",
     "accuracy/merging_campaigns.py": "--campaigns 1",
+    "accuracy/noise_floor.py": "--repeats 1",
     "accuracy/modal_noise.py": "--repeats 1 --decays 4 --ambient 2",
     "accuracy/planned_test.py": "--repeats 1 --candidates 6 --parts a",
     "accuracy/roller_place.py": "--repeats 3",

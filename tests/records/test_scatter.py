@@ -20,6 +20,14 @@ def _accelerance(frequency, loss_factor=0.01):
     return np.array([-(w**2) * np.linalg.inv(stiffness - w**2 * _MASSES)[:, 2:] for w in omega])
 
 
+def _floor(record):
+    return line_scatter(record, np.ones(record.values.shape)).floor
+
+
+def _missing(record):
+    return missing_floor(record, 0.0, is_assumed=False)
+
+
 def _noisy(seed, floor=0.0, relative=0.0, frequency=_FREQUENCY):
     rng, values = np.random.default_rng(seed), _accelerance(frequency)
     noise = (rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)) / np.sqrt(2)
@@ -29,7 +37,7 @@ def _noisy(seed, floor=0.0, relative=0.0, frequency=_FREQUENCY):
 
 @pytest.mark.parametrize("n_lines", [150, 600, 2000])
 def test_the_floor_has_the_size_of_the_noise(n_lines):
-    told = [line_scatter(_noisy(seed, 0.04, frequency=np.linspace(5, 150, n_lines))).floor for seed in range(20)]
+    told = [_floor(_noisy(seed, 0.04, frequency=np.linspace(5, 150, n_lines))) for seed in range(20)]
     assert np.all(np.array(told) > 0)
     assert np.mean(told) == pytest.approx(0.04, rel=0.04)
 
@@ -39,29 +47,39 @@ def test_a_response_without_noise_has_no_floor():
         for n_lines in (120, 600, 2000):
             frequency = np.linspace(5.0, 150.0, n_lines)
             record = FrfRecord(
-                frequency, _accelerance(frequency, loss_factor), outputs=["1X", "2X", "3X"], inputs=["3X"], kind="accelerance"
+                frequency,
+                _accelerance(frequency, loss_factor),
+                outputs=["1X", "2X", "3X"],
+                inputs=["3X"],
+                kind="accelerance",
             )
-            assert not line_scatter(record).floor.any()
+            assert not _floor(record).any()
 
 
 def test_lines_that_are_few_or_uneven_tell_no_floor():
-    assert not line_scatter(_noisy(1, 0.04, frequency=np.linspace(5, 150, 60))).floor.any()
-    assert not line_scatter(_noisy(1, 0.04, frequency=np.geomspace(5, 150, 600))).floor.any()
-    assert not line_scatter(_noisy(1, 0.04, frequency=np.linspace(5, 150, 4))).floor.any()
+    assert not _floor(_noisy(1, 0.04, frequency=np.linspace(5, 150, 60))).any()
+    assert not _floor(_noisy(1, 0.04, frequency=np.geomspace(5, 150, 600))).any()
+    assert not _floor(_noisy(1, 0.04, frequency=np.linspace(5, 150, 4))).any()
 
 
 def test_a_gap_between_lines_is_left_out():
     frequency = np.concatenate([np.linspace(5, 60, 300), np.linspace(90, 145, 300)])
-    floor = line_scatter(_noisy(3, 0.04, frequency=frequency)).floor
+    floor = _floor(_noisy(3, 0.04, frequency=frequency))
     assert floor == pytest.approx(np.full((3, 1), 0.04), rel=0.25)
 
 
 def test_a_floor_is_missing_where_the_statement_leaves_it_out_and_not_where_the_noise_has_one_other_size():
     with_floor, of_size = _noisy(5, 0.04), _noisy(5, relative=0.03)
-    assert np.all(missing_floor(with_declared_noise(with_floor, relative=0.01)) > 0)
-    assert not missing_floor(with_declared_noise(with_floor, absolute=0.04)).any()
-    assert not missing_floor(with_declared_noise(of_size, relative=0.01)).any()
-    assert not missing_floor(with_declared_noise(of_size, relative=0.03)).any()
+    assert np.all(_missing(with_declared_noise(with_floor, relative=0.01)) > 0)
+    assert not _missing(with_declared_noise(with_floor, absolute=0.04)).any()
+    assert not _missing(with_declared_noise(of_size, relative=0.01)).any()
+    assert not _missing(with_declared_noise(of_size, relative=0.03)).any()
+
+
+def test_an_assumed_part_has_a_floor_beside_it_unless_that_is_negligible():
+    assert np.all(missing_floor(_noisy(5, 0.04), 0.1, is_assumed=True) > 0)
+    assert not missing_floor(_noisy(5, relative=0.01), 0.1, is_assumed=True).any()
+    assert not missing_floor(_noisy(5, 0.04), 0.1, is_assumed=False)[1:].any()
 
 
 def test_a_floor_is_added_to_the_variance():

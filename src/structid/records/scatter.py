@@ -22,6 +22,8 @@ _QUIET = 0.5
 _EVEN = 1e-3
 #: Scatter over the stated noise on quiet lines from which on that is called too small, and how much more it is than on the others.
 _UNDERSTATED, _MORE_THAN_LOUD = 2.0, 1.5
+#: Floor over assumed noise on quiet lines below which it is left out.
+_NEGLIGIBLE = 0.2
 
 
 class LineScatter(NamedTuple):
@@ -32,7 +34,7 @@ class LineScatter(NamedTuple):
     floor : float array
         Standard deviation of the complex noise on the quiet lines, in the unit of the record; 0 where it cannot be told.
     quiet, loud : float array
-        Scatter over the stated standard deviation on the quiet half of the lines, and on the loud half; NaN without stated noise.
+        Scatter over the stated standard deviation on the quiet half of the lines, and on the loud half; NaN where no floor is told.
     """
 
     floor: FloatArray
@@ -40,8 +42,10 @@ class LineScatter(NamedTuple):
     loud: FloatArray
 
 
-def line_scatter(record: FrfRecord) -> LineScatter:
+def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
     """The scatter of neighbouring lines of `record`, with the noise floor that it tells.
+
+    `stated` are the variances that the noise of the values is said to have, (n_lines, n_outputs, n_inputs).
 
     A smooth response cancels in sixth differences of evenly spaced lines, white noise does not (the weights of a difference of
     order p have the sum of squares C(2 p, p)). The floor is the median of these differences over the half of the windows of
@@ -57,7 +61,7 @@ def line_scatter(record: FrfRecord) -> LineScatter:
     margin = (_ORDER - _LOWER) // 2
     lower = np.abs(_normalized_differences(record.values, _LOWER)[margin : margin + n_windows]) ** 2
     size = _mean_of_windows(np.abs(record.values) ** 2)
-    stated = None if record.variance is None else _mean_of_windows(record.variance)
+    stated = _mean_of_windows(stated)
     for pair in np.ndindex(shape):
         is_small = size[:, *pair] <= np.quantile(size[is_even, *pair], _QUIET)
         quiet, loud = is_even & is_small, is_even & ~is_small
@@ -65,22 +69,23 @@ def line_scatter(record: FrfRecord) -> LineScatter:
         if variance == 0 or not _WHITE[0] < _median_variance(lower[quiet, *pair]) / variance < _WHITE[1]:
             continue
         scatter.floor[pair] = np.sqrt(variance)
-        if stated is not None:
-            over = np.divide(higher[:, *pair], stated[:, *pair], out=np.full(n_windows, np.inf), where=stated[:, *pair] > 0)
-            scatter.quiet[pair], scatter.loud[pair] = (np.sqrt(_median_variance(over[half])) for half in (quiet, loud))
+        over = np.divide(higher[:, *pair], stated[:, *pair], out=np.full(n_windows, np.inf), where=stated[:, *pair] > 0)
+        scatter.quiet[pair], scatter.loud[pair] = (np.sqrt(_median_variance(over[half])) for half in (quiet, loud))
     return scatter
 
 
-def missing_floor(record: FrfRecord) -> FloatArray:
-    """Noise floor of each pair that the record does not state, (n_outputs, n_inputs), in its unit; 0 where none is missing.
+def missing_floor(record: FrfRecord, part: float, is_assumed: bool) -> FloatArray:
+    """Noise floor of each pair that the stated noise leaves out, (n_outputs, n_inputs), in the record's unit; 0 where none.
 
-    Without stated noise it is the floor that neighbouring lines tell. Of stated noise it is missing where the lines scatter by
-    twice as much on the quiet half, and there by 1.5 times more than on the loud half: noise that is too small by one factor
-    everywhere is no missing floor.
+    The stated noise is the variance of the record, if any, and `part` of each magnitude. A floor is left out where the lines
+    scatter by twice the stated noise on the quiet half of them, and there by 1.5 times more than on the loud half: noise that is
+    too small by one factor everywhere is no missing floor. With `is_assumed` nobody stated `part`, and any floor counts from
+    0.2 times that on.
     """
-    floor, quiet, loud = line_scatter(record)
-    if record.variance is None:
-        return floor
+    stated = (part * np.abs(record.values)) ** 2 + (0.0 if record.variance is None else record.variance)
+    floor, quiet, loud = line_scatter(record, stated)
+    if is_assumed:
+        return np.where(quiet >= _NEGLIGIBLE, floor, 0.0)
     return np.where((quiet >= _UNDERSTATED) & (quiet >= _MORE_THAN_LOUD * loud), floor, 0.0)
 
 
@@ -102,7 +107,7 @@ def _evenly_spaced(frequency: FloatArray) -> NDArray[np.bool_]:
     if len(spacing) < _ORDER:
         return np.zeros(0, dtype=bool)
     usual = np.abs(spacing - np.median(spacing)) < _EVEN * np.median(spacing)
-    return np.lib.stride_tricks.sliding_window_view(usual, _ORDER).all(axis=1)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(usual, _ORDER).all(axis=1))
 
 
 def _normalized_differences(values: ComplexArray, order: int) -> ComplexArray:

@@ -88,9 +88,11 @@ class Setup(RecordSetup[FrfProblem]):
         warnings = [*record_warnings(used)]
         warnings += [words for component in self.structure.measured for words in component.line_warnings(lines)]
         model_error = options.model_error
-        floor = missing_floor(self.record.band(*used.frequency[[0, -1]]))
-        if used.variance is None and model_error == 0:
+        is_assumed = used.variance is None and model_error == 0
+        if is_assumed:
             model_error = _RELATIVE_WEIGHT
+        floor = missing_floor(self.record.band(*used.frequency[[0, -1]]), model_error, is_assumed)
+        if is_assumed:
             told = f" and by {_floor_range(floor, used.unit)}" if floor.any() else ""
             warnings.append(_NO_NOISE.format(floor=told) + (_AVERAGES if used.coherence is not None else ""))
         elif floor.any():
