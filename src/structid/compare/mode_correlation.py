@@ -385,11 +385,12 @@ def _moving(pairing: Pairing) -> NDArray[np.bool_]:
 
 
 def _expansion_basis(model: Modes, n_known: int, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
-    """Indices of the model modes in which a measured shape is expanded: its partners, then others by distance in frequency.
+    """Indices of the model modes in which a measured shape is expanded: its partners, then the nearest in frequency.
 
-    The others are modes of pairs, or, where there are no pairs, all that move the sensors. There are at most half as many
-    (rounded up) as known entries `n_known`, but all partners. `mode` is the index of the measured mode, `frequency` its
-    frequency in Hz.
+    Distance is the logarithm of the ratio to the frequency of the first partner, or without partners to `frequency`,
+    that of the measured mode in Hz. The others are modes of pairs, or, where there are no pairs, all that move the
+    sensors. There are at most half as many (rounded up) as known entries `n_known`, but all partners. `mode` is the
+    index of the measured mode.
     """
     partners = pairing.partners(mode)
     first = (int(pairing.number[mode]), *(k for k in partners if k != pairing.number[mode])) if partners else ()

@@ -300,7 +300,9 @@ def _on_one_mesh(sources: Sequence[_StudySource | State], known: Sequence[State]
 
 
 def _run_study(study: Study, progress: StageProgress | None) -> State:
-    """The state that a run of `study` gives; its mesh and solver are refined as in `structid identify`.
+    """The state that a run of `study` gives, with beams divided finer and a solver's model renewed at the answer.
+
+    The run is that of `structid identify` without its search for causes and without a last check by the solver.
 
     Raises
     ------

@@ -162,18 +162,18 @@ class RunModes:
 
 
 def read_shapes(path: Path) -> RunModes:
-    """Frequencies in Hz, ascending, and real mode shapes in the file at `path` that a solver wrote, by node and component.
+    """Frequencies in Hz, ascending, and real mode shapes in a file that a solver wrote, by node and component.
 
     Parameters
     ----------
     path : Path
         CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or any file that
-        `structid.modal.formats.files.read_modes` reads.
+        `structid.modal.formats.files.read_modes` reads; of complex shapes in the latter the real parts are taken.
 
     Raises
     ------
     FileError
-        If the file is missing, cut short, or holds no modes or complex ones.
+        If the file is missing, cut short, or holds no modes, or one of CalculiX, Nastran or MYSTRAN holds complex ones.
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):

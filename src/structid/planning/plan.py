@@ -572,8 +572,9 @@ def _noise_deviation(candidates: Candidates, values: ComplexArray) -> FloatArray
 def resolve_options(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:
     """`options` with every default filled in (candidate sensors and loads, their numbers), after checks of all of them.
 
-    By default, candidate sensors are all translations that move, candidate loads the installed ones, or without any the same
-    translations (for transmissibility the driving supports). Installed ones are added to the candidates.
+    By default, candidate sensors are all translations that move, candidate loads the installed ones, or without any the
+    same translations (for transmissibility the driving supports). Installed ones are added to the candidates. As many
+    are chosen as are installed, or else 4 sensors and 1 load.
 
     Raises
     ------

@@ -188,7 +188,10 @@ def one_step_solution(case: Case, record: FrfRecord) -> FloatArray:
 
 
 def relative_jacobian(case: Case, reading: Reading) -> FloatArray:
-    """Relative change of each datum for a relative change of each parameter, (n_data, 12), at the actual parameters."""
+    """Relative change of each datum for a relative change of each parameter, (n_data, 12), at the actual parameters.
+
+    Only its real part is returned. Rows run over the lines of `reading`, and for each over the sensors, then the loads.
+    """
     structure = cantilever(case.actual)
     model = response(structure, unknowns(structure), exact_record(case.actual, reading))
     values, derivative = model.derivatives_at(case.actual)

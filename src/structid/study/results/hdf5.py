@@ -204,6 +204,8 @@ class StoredParameters(NamedTuple):
 def stored_parameters(folder: Path) -> StoredParameters:
     """Identified values by parameter name, and number of pieces of each beam, from the estimate.h5 of a results folder.
 
+    A number of pieces that the file lacks is an error only when it is asked for.
+
     Raises
     ------
     FileError

@@ -550,7 +550,10 @@ def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
 
 
 def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
-    """Warnings if no mode lies in the band or a mode in it has less than one line; an empty list for measured modes."""
+    """Warnings if no mode lies in the band, or a mode in it has less than one line in its half-power bandwidth.
+
+    The list is empty for a record of measured modes, which has no lines.
+    """
     if all(np.isnan(mode.lines_per_bandwidth) for mode in modes):
         return []
     if not any(mode.in_band for mode in modes):

@@ -422,8 +422,9 @@ def _cell_type(element: ElementSet, n_nodes: int) -> int:
 def _cell_data(structure: Structure, properties: Sequence[ElementValues]) -> dict[str, AnyArray]:
     """Arrays for the cells of a VTK file by name, each (n_cells,), NaN where a cell lacks the property.
 
-    They are the numbers (from 1) of element set and element, and the value of each property; for identified properties also
-    the standard deviation, relative change and significance. Properties that are 0 throughout are left out.
+    They are the numbers (from 1) of element set and element, and the value of each property; for identified properties
+    also the standard deviation, relative change and significance. Properties that are not identified and 0 throughout
+    are left out.
     """
     counts = [len(element.nodes) for element in structure.elements]
     starts = dict(

@@ -224,9 +224,7 @@ def _nearest(name: str, value: JsonValue, keys: Mapping[str, Key]) -> list[str]:
     meant = [key_name for key_name in _MEANT.get(name, ()) if key_name in keys]
     if meant:
         return meant
-    in_tables = isinstance(value, dict) or (
-        isinstance(value, list) and any(isinstance(key_name, dict) for key_name in value)
-    )
+    in_tables = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(entry, dict) for entry in value))
     comparable = [
         key_name for key_name, key in keys.items() if (key.holds_tables if in_tables else key.holds_values)
     ] or keys

@@ -216,7 +216,8 @@ def read_source(
 def _read_noise(section: Section, repeats: bool) -> NoiseSource:
     """The noise that ``[record.noise]`` declares; no noise without that section.
 
-    `repeats` is True if the noise comes from repeats; a declared noise is then an error.
+    `repeats` is True if the noise comes from repeats. `StudyError` if the section states no noise, declares it and
+    takes it from coherence too, or stands beside repeats.
     """
     inner = section.section("noise")
     if inner is None:
