@@ -134,3 +134,49 @@ def test_all_names_that_need_a_meaning_are_listed_beside_degrees_of_freedom(tmp_
         read_record(path)
     given = ReadOptions(outputs=tuple(f"{k}X" for k in range(11, 11 + len(names))))
     assert len(read_record(path, given).outputs) == len(names)
+
+
+@pytest.mark.parametrize("form", ["H1({s}:+X/{load}:+X) {part} (g/N)", "FRF[{s}X/{load}X] {part} (g/N)"])
+def test_a_pair_in_brackets_behind_an_estimator_is_a_pair(tmp_path, form):
+    record = read_record(table(tmp_path / "lab.csv", heads(form, ORDERS["sensors first"])))
+    assert [str(dof) for dof in record.outputs] == ["1X+", "2X+", "3X+"]
+    assert [str(dof) for dof in record.inputs] == ["1X+", "2X+"]
+    for (s, load), values in VALUES.items():
+        np.testing.assert_allclose(record.values[:, s - 1, load - 1], values * STANDARD_GRAVITY, rtol=1e-12)
+
+
+def decibels(path, head, phase="1X/3X phase (deg)", reference=1.0):
+    """A table of one FRF as magnitude in dB of `reference` (in the file's unit) and phase in degrees; returns the FRF too."""
+    values = VALUES[1, 1] * np.exp(1j * FREQUENCY)
+    columns = [FREQUENCY, 20 * np.log10(np.abs(values) / reference), np.degrees(np.angle(values))]
+    rows = [",".join(map(repr, row)) for row in np.column_stack(columns).tolist()]
+    path.write_text("\n".join([f"Frequency [Hz],{head},{phase}", *rows]) + "\n", encoding="utf-8")
+    return path, values
+
+
+@pytest.mark.parametrize(
+    ("head", "reference", "to_si"),
+    [
+        ("1X/3X magnitude (dB re 1 g/N)", 1.0, STANDARD_GRAVITY),
+        ("1X/3X magnitude [dB re g/N]", 1.0, STANDARD_GRAVITY),
+        ("1X/3X [dB(g/N)] magnitude", 1.0, STANDARD_GRAVITY),
+        ("1X/3X magnitude (dB ref. 1e-3 (m/s^2)/N)", 1e-3, 1.0),
+        ("1X/3X magnitude (dB rel 20 mm/N)", 20.0, 1e-3),
+    ],
+)
+def test_magnitudes_in_decibels_are_read_by_their_reference(tmp_path, head, reference, to_si):
+    path, values = decibels(tmp_path / "lab.csv", head, reference=reference)
+    np.testing.assert_allclose(read_record(path).values[:, 0, 0], values * to_si, rtol=1e-12)
+
+
+def test_decibels_without_a_reference_need_the_unit(tmp_path):
+    path, values = decibels(tmp_path / "lab.csv", "1X/3X magnitude (dB)")
+    with pytest.raises(
+        FileError, match=r"line 1, column 2 .*does not say what 0 dB is; head it as in .* or say the unit"
+    ):
+        read_record(path)
+    record = read_record(path, ReadOptions(unit="g/N"))
+    np.testing.assert_allclose(record.values[:, 0, 0], values * STANDARD_GRAVITY, rtol=1e-12)
+    path, values = decibels(tmp_path / "real.csv", "1X/3X re (dB re 1 g/N)", "1X/3X im (g/N)")
+    with pytest.raises(FileError, match="'dB' stands for a level"):
+        read_record(path)

@@ -68,6 +68,15 @@ _NO_LETTERS = re.compile(r"[\W\d_]+")
 _DAY, _LATEST = 86400.0, 1e11
 #: What may stand before a pair of degrees of freedom: the estimator of an FRF.
 _ESTIMATOR = re.compile(r"(?:H[12v]?|FRF|TF)[\s:_]+", re.IGNORECASE)
+#: An estimator with the pair in brackets, as in ``H1(2:+Z/1:+X)`` and ``H1(2Z,1X)``.
+_ESTIMATOR_OF = re.compile(
+    r"^\s*(?:H[12v]?|FRF|TF)\s*[(\[]\s*(?P<output>[^()\[\]/,]+?)\s*[/,]\s*(?P<input>[^()\[\]/,]+?)\s*[)\]]",
+    re.IGNORECASE,
+)
+#: The unit of a magnitude in decibels: the size of the reference, 1 by default, and its unit.
+_DECIBEL = re.compile(
+    r"dB\s*(?:re(?:f|l)?\b\.?:?)?\s*(?P<size>\d+(?:\.\d*)?(?:e[+-]?\d+)?\b)?\s*(?P<unit>\S.*)?", re.IGNORECASE
+)
 _PART_WORD = re.compile(
     rf"(?<![^\W\d_])(?:{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})(?![^\W\d_])", re.IGNORECASE
 )
@@ -426,12 +435,16 @@ def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
 
 
 class _ColumnHeader(NamedTuple):
-    """Content of a column's header, or the user's words in its place."""
+    """Content of a column's header, or the user's words in its place.
+
+    `decibel_reference` is the size in `unit` to which 0 dB stands, None for a column that is not in decibels.
+    """
 
     output: str
     input: str
     unit: str
     part: str
+    decibel_reference: float | None = None
 
 
 class _Column(NamedTuple):
@@ -440,6 +453,11 @@ class _Column(NamedTuple):
     unit: FrfUnit | None
     part: str
     factor: float
+    is_decibel: bool = False
+
+    def to_si(self, values: FloatArray) -> FloatArray:
+        """The values of the column in SI units, rad or 1, (n_lines,), from those of the file."""
+        return self.factor * (10.0 ** (values / 20.0) if self.is_decibel else values)
 
 
 def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
@@ -449,15 +467,6 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
     `FileError` for a header that cannot be read, and `InputError` if the options do not fit the table.
     """
     layout = options.csv or CsvLayout()
-    for j, name in enumerate(table.names[1:], start=1):
-        word = level_word(f"{name} {table.units[j]}")
-        if word:
-            raise _column(
-                table,
-                j,
-                text=f"{word!r} stands for a level, a mean or a density, which has no phase or another one; export"
-                " the response itself, or give the column another name or unit",
-            )
     units = [unit or name_and_unit(name)[1] for name, unit in zip(table.names, table.units, strict=True)]
     if layout.parts:
         count = len(options.outputs) * len(options.inputs) * len(layout.parts)
@@ -468,13 +477,17 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
                 "outputs",
             )
         combinations = product(options.outputs, options.inputs, layout.parts)
-        assumed = [_ColumnHeader(a, b, units[j], part) for j, (a, b, part) in enumerate(combinations, start=1)]
+        assumed = [
+            _ColumnHeader(a, b, *_unit_and_reference(table, j, units[j], part, options))
+            for j, (a, b, part) in enumerate(combinations, start=1)
+        ]
         _require_headers_agree(table, assumed)
         return assumed
     heads = []
     for j, name in enumerate(table.names[1:], start=1):
         match = _match_pair(name)
         if match is None:
+            _unit_and_reference(table, j, units[j], "", options)  # a level is refused as one
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
                 f" coherence); or say what the columns are by {option_words(outputs=None, inputs=None, unit=None)} and"
@@ -485,8 +498,39 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
         if part == "phase":
             near = [text for text in (match["unit"], match["round"]) if text and text.strip().lower() in _PHASE_UNITS]
             unit = _phase_unit(table, j, match["own"] or next(iter(near), None))
-        heads.append(_ColumnHeader(_without_estimator(match["output"], match["input"]), match["input"], unit, part))
+        output = _without_estimator(match["output"], match["input"])
+        heads.append(_ColumnHeader(output, match["input"], *_unit_and_reference(table, j, unit, part, options)))
     return _output_first(heads, options)
+
+
+def _unit_and_reference(
+    table: Table, j: int, unit: str, part: str, options: ReadOptions
+) -> tuple[str, str, float | None]:
+    """Unit, part, and size in that unit to which 0 dB stands, of column `j`; None for a column that is not in decibels.
+
+    `unit` and `part` are what the header says. Raises `FileError` for a level, mean or density other than a magnitude in
+    decibels, and for one whose reference neither the header nor `options.unit` says.
+    """
+    word = level_word(f"{table.names[j]} {table.units[j]}")
+    if not word:
+        return unit, part, None
+    decibel = _DECIBEL.fullmatch(unit.strip())
+    if decibel is None or part != "magnitude":
+        raise _column(
+            table,
+            j,
+            text=f"{word!r} stands for a level, a mean or a density, which has no phase or another one; export"
+            " the response itself, or give the column another name or unit",
+        )
+    reference = bare_unit(decibel["unit"] or options.unit)
+    if not reference:
+        raise _column(
+            table,
+            j,
+            text="does not say what 0 dB is; head it as in 12Z+/3Z+ magnitude (dB re 1 (m/s^2)/N), or say the unit whose 1 is"
+            f" 0 dB by {option_words(unit='(m/s^2)/N')}",
+        )
+    return reference, part, float(decibel["size"] or 1.0)
 
 
 def _match_pair(name: str) -> re.Match[str] | None:
@@ -496,6 +540,7 @@ def _match_pair(name: str) -> re.Match[str] | None:
     """
     if len(name) > LONGEST_NAME:
         return None
+    name = _ESTIMATOR_OF.sub(r"\g<output>/\g<input>", name, count=1)
     match, part = _PAIR.fullmatch(name), _PART_WORD.match(name)
     if match and is_read_by(bare_unit(f"{match['output']}/{match['input']}"), parse_frf_unit):
         match = None  # its unit alone, as in (m/s^2)/N Real
@@ -626,7 +671,9 @@ def _parse_column(
         require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
     except InputError as error:
         raise _column(table, j, error) from error
-    return _Column(output, load, unit, head.part, unit.factor)
+    reference = head.decibel_reference
+    factor = unit.factor * (1.0 if reference is None else reference)
+    return _Column(output, load, unit, head.part, factor, reference is not None)
 
 
 def _require_meanings(
@@ -742,7 +789,7 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         position = (slice(None), outputs.index(column.output), inputs.index(column.input))
         if not np.isnan(part[position]).all():
             raise _column(table, j, text="this pair and part is there twice; remove one")
-        part[position] = table.values[:, j] * column.factor
+        part[position] = column.to_si(table.values[:, j])
     is_polar = "magnitude" in parts or "phase" in parts
     _require_complete(table, parts, ("magnitude", "phase") if is_polar else ("re", "im"), outputs, inputs)
     _require_sound(table, columns)
@@ -839,11 +886,15 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
         )
     for j, column in enumerate(columns, start=1):
         most = {"coherence": COHERENCE_MOST, "std": np.inf, "magnitude": np.inf}.get(column.part)
-        wrong = np.zeros(0) if most is None else (table.values[:, j] < 0) | (table.values[:, j] > most)
+        wrong = (
+            np.zeros(0) if most is None or column.is_decibel else (table.values[:, j] < 0) | (table.values[:, j] > most)
+        )
         if wrong.any():
             i, words = int(np.argmax(wrong)), "from 0 to 1" if column.part == "coherence" else "at least 0"
             is_level = column.part == "magnitude"
-            remedy = "export it as a linear magnitude, not in dB" if is_level else "repair or remove the line"
+            remedy = (
+                "head magnitudes in decibels as in (dB re 1 (m/s^2)/N)" if is_level else "repair or remove the line"
+            )
             raise FileError(
                 f"{table.path}: line {table.first_line + i}, column {j + 1} ({table.names[j]}) must be {words}, got"
                 f" {table.values[i, j]:.9g} at {table.values[i, 0]:.9g} Hz; {remedy}"
