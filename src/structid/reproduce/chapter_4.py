@@ -146,12 +146,12 @@ def rms(relative_error: FloatArray) -> float:
 
 
 def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatArray:
-    """Parameters along the classical iteration, Eqs.
+    """Parameters along the classical iteration, (n, 12): the postulated ones, then those after each step.
 
-    (4.17) and (4.26), (n, 12): the postulated ones, then those of each step. A row holds masses per length (kg/m), then
-    stiffnesses EI (N m^2). Steps are full, as those of ``GaussNewton(step_control=False)``. There are `n_iterations`
-    steps, or fewer: the iteration ends before a step at whose end the RMS error relative to the actual parameters is
-    1e12 or more, and where the model cannot be evaluated.
+    The iteration is that of Equations (4.17) and (4.26). A row holds masses per length (kg/m), then stiffnesses EI
+    (N m^2). Steps are full, as those of ``GaussNewton(step_control=False)``. There are `n_iterations` steps, or fewer:
+    the iteration ends before a step at whose end the RMS error relative to the actual parameters is 1e12 or more, and
+    where the model cannot be evaluated.
     """
     structure = cantilever(case.postulated)
     problem = FrfProblem(structure, unknowns(structure), record, "equation")

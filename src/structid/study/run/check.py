@@ -333,8 +333,8 @@ class CheckResult(PredictedIdentification):
 def check_study(study: Study) -> CheckResult:
     """The study read and checked, with the accuracy predicted at the initial values; nothing is estimated or written.
 
-    The result has the records, channels, modes and mesh of the initial model, the predicted covariance and
-    identifiability, the total mass (kg) and warnings, the gravest first.
+    The result has all records and channels, modes and mesh of the first record's initial model, the predicted
+    covariance and identifiability, the total mass (kg) and warnings, the gravest first.
 
     Raises
     ------
@@ -420,8 +420,8 @@ def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], stren
 def _predict_by_jacobian(ready: PreparedStudy) -> PredictedIdentification:
     """Predicted covariance, identifiability and warnings from the Jacobian at the initial values.
 
-    The covariance is the bound of Cramér and Rao plus the influence of tolerances of fixed values.
-    Regularization is included where its strength is given.
+    The covariance is the bound of Cramér and Rao plus the influence of tolerances of fixed values. Of the
+    regularizations, smoothness with a given strength is included; a warning names the others.
     """
     terms = [t for t in ready.study.options.regularization if t.given is not None and not t.is_sparse]
     problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])

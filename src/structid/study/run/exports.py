@@ -225,7 +225,7 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
     Returns
     -------
     list of str
-        One line on each file.
+        One line on the files of matrices, then one on the numbering.
 
     Raises
     ------

@@ -384,8 +384,9 @@ def _between_samples(recorded: _RecordedLoads, is_filtered: bool) -> str:
 def _recorded_loads(structure: Structure, path: Path, options: PredictOptions) -> _RecordedLoads:
     """Loads of the record of time histories at `path`.
 
-    Channels of force are loads in N or N m; channels at supports become accelerations of these supports. Others are ignored.
-    `InputError` if the file holds FRFs or no load, gives the velocity of a support, or moves a support twice.
+    Channels of force are loads in N or N m; channels at supports become accelerations of these supports. Others are
+    ignored. `InputError` if the file holds FRFs or no load, gives the velocity of a support, moves a support twice, or
+    has displacements alone though the options say that it is ``filtered``.
     """
     record = read_record(path, ReadOptions())
     if not isinstance(record, TimeRecord):

@@ -204,7 +204,7 @@ def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, 
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
-    """The result, with a warning first if finer beams would change a value by a large part of its standard deviation.
+    """The result, with a warning first if pieces half as long would change a value by 0.2 standard deviations or more.
 
     Beams are cut as the study says. The result is unchanged, without a check, where modes alone are compared, no
     element can be cut, or the structure has more than 300 degrees of freedom.

@@ -217,8 +217,8 @@ def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[D
 def _find_positions(entry: Section, marks: JsonValue, texts: Mapping[str, str]) -> list[DeckPosition]:
     """Positions of a parameter in the deck, one for each of its `marks` (a table or a list of tables).
 
-    A mark names a card and field, or a keyword and entry. `texts` are the files of the deck by name; `StudyError` if
-    none has it.
+    A mark names a card and field, or a keyword and entry. `texts` are the files of the deck by name. `StudyError` if a
+    mark fits no position in them, or several.
     """
     found_positions = []
     for k, table in enumerate(marks if isinstance(marks, list) else [marks]):
