@@ -193,8 +193,8 @@ def renamed(
 def _rename_dofs(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
     """Copy of `dofs` in order with new names and combined signs.
 
-    `names` maps unsigned degrees of freedom to new ones; others keep theirs. Raises `InputError` if two would have the same
-    name.
+    `names` maps unsigned degrees of freedom to new ones; others keep theirs. Raises `InputError` if two would have the
+    same name.
     """
     before: dict[Dof, Dof] = {}
     for dof in dict.fromkeys(dof.unsigned for dof in dofs):

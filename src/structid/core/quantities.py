@@ -91,8 +91,8 @@ def likeness(value: float, decimals: int = 3) -> str:
 def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: int = 2) -> str:
     """`ratio` in per cent, with + before positive ones if `signed`; a dash if it is not finite.
 
-    `digits` are the significant digits of the number in per cent. It has `most_decimals` at most, unless more are needed to
-    tell it from 0.
+    `digits` are the significant digits of the number in per cent. It has `most_decimals` at most, unless more are
+    needed to tell it from 0.
 
     Examples
     --------

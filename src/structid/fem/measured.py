@@ -91,8 +91,8 @@ class MeasuredComponent:
         Raises
         ------
         InputError
-            If `interface` is empty or repeats, shapes disagree, `frequency` is empty or does not increase, values are not finite,
-            or a variance is negative.
+            If `interface` is empty or repeats, shapes disagree, `frequency` is empty or does not increase, values are
+            not finite, or a variance is negative.
         """
         dofs = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
@@ -242,8 +242,8 @@ class MeasuredComponent:
     def _interpolation_errors(self, frequency: FloatArray) -> FloatArray:
         """Relative error of each measured line when it is interpolated from every other line, (n_measured,).
 
-        0 for lines outside the range of `frequency` (Hz, increasing); infinite at all lines if there are fewer than six. The
-        first and last line are never left out, and have error 0.
+        0 for lines outside the range of `frequency` (Hz, increasing); infinite at all lines if there are fewer than
+        six. The first and last line are never left out, and have error 0.
         """
         measured, errors = self.frequency, np.zeros(len(self.frequency))
         if len(measured) < _TOLD_BY_HALF:

@@ -195,9 +195,10 @@ def _positions_in(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> IntArr
 def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array, n_free: int) -> Blocks:
     """Blocks on free degrees of freedom, from element matrices on all of them.
 
-    `local` (n_elements, n, n) are the matrices and `position` (n_elements, n) their rows in `matrix` (n_all, n_free), -1 for
-    none; `matrix` maps free degrees of freedom to all. Where no element is tied, blocks keep their size; otherwise all become
-    T_e' B_e T_e on the free degrees of freedom that each element moves with, padded with -1 to a common size.
+    `local` (n_elements, n, n) are the matrices and `position` (n_elements, n) their rows in `matrix` (n_all, n_free),
+    -1 for none; `matrix` maps free degrees of freedom to all. Where no element is tied, blocks keep their size;
+    otherwise all become T_e' B_e T_e on the free degrees of freedom that each element moves with, padded with -1 to a
+    common size.
     """
     counts = np.append(np.diff(matrix.indptr), 0)
     first = np.append(matrix.indices[np.minimum(matrix.indptr[:-1], max(matrix.nnz - 1, 0))] if matrix.nnz else [], 0)

@@ -135,8 +135,8 @@ class Structure(Shown, StructurePlots):
         Raises
         ------
         InputError
-            If an element or support names a node that does not exist, names repeat, directions or `subdivide` are out of
-            range, or supports contradict ties.
+            If an element or support names a node that does not exist, names repeat, directions or `subdivide` are out
+            of range, or supports contradict ties.
         """
         if not isinstance(nodes, Mapping):
             raise InputError(

@@ -127,9 +127,9 @@ def numbered_terms(
 def is_divisible(element: ElementSet, positions: NodeCoordinates, active: Sequence[str]) -> bool:
     """True if the elements of a set are lines whose pieces are held sideways, so that they can be cut.
 
-    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion, and
-    beams have bending stiffness against it. `positions` are those of the nodes, m; `active` the directions in which nodes
-    move.
+    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion,
+    and beams have bending stiffness against it. `positions` are those of the nodes, m; `active` the directions in which
+    nodes move.
     """
     if not element.is_line:
         return False
@@ -204,9 +204,9 @@ def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> Elemen
 def _free_between(terms: Sequence[PropertyMatrices], pieces: int, active: Sequence[str]) -> IntArray:
     """Codes (n,), sorted, of the degrees of freedom at the nodes between pieces of cut lines that are free to move.
 
-    These are the active directions and all that the stiffness of the pieces couples with them, directly or through others. A
-    code is 6 times the label of the node plus 0 to 5 for X, Y, Z, RX, RY, RZ. Empty for lines whose stiffness has no rotations,
-    which are bars.
+    These are the active directions and all that the stiffness of the pieces couples with them, directly or through
+    others. A code is 6 times the label of the node plus 0 to 5 for X, Y, Z, RX, RY, RZ. Empty for lines whose stiffness
+    has no rotations, which are bars.
 
     `terms` are those of the set, cut into `pieces`; `active` are the directions in which nodes move.
     """

@@ -250,7 +250,8 @@ class Beam(ElementSet):
     def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Unit vectors of the internal forces on the motions of a node: V and M on a line, N, V and M in a plane.
 
-        They are (n_elements, 2) on Y RZ or (n_elements, 3) on X Y RZ, by the name of the force; `positions` of nodes in m.
+        They are (n_elements, 2) on Y RZ or (n_elements, 3) on X Y RZ, by the name of the force; `positions` of nodes in
+        m.
         """
         _, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] == 1:

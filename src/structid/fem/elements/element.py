@@ -335,8 +335,8 @@ class ElementSet:
     def __post_init__(self) -> None:
         """Convert and check each declared field: values of properties, limits, choices, tolerances.
 
-        Raises `InputError`, which names the field and the set. An infinite value of a property without limit is stored as
-        None.
+        Raises `InputError`, which names the field and the set. An infinite value of a property without limit is stored
+        as None.
         """
         types = declared_types(type(self))
         for name, declaration in declarations(self).items():
@@ -482,8 +482,8 @@ def node_codes(nodes: IntArray, directions: Sequence[str]) -> IntArray:
 def node_table(columns: int) -> Store:
     """A function that checks and stores node labels of elements with `columns` nodes each, as (n_elements, columns).
 
-    It takes the name of the set, for errors, and the labels; a single element may be one row, and single nodes a flat list.
-    It raises `InputError` unless there are `columns` whole numbers an element.
+    It takes the name of the set, for errors, and the labels; a single element may be one row, and single nodes a flat
+    list. It raises `InputError` unless there are `columns` whole numbers an element.
     """
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
@@ -508,8 +508,8 @@ def property_values(
 ) -> FloatArray:
     """`values` of the property `name` as one number for each element, (n_elements,); a single number holds for all.
 
-    `element` is the name of the set, for errors. Raises `InputError` for text, a wrong number of values, values that are not
-    finite, negative ones unless `signed`, and zeros if `positive`.
+    `element` is the name of the set, for errors. Raises `InputError` for text, a wrong number of values, values that
+    are not finite, negative ones unless `signed`, and zeros if `positive`.
     """
     stated = np.asarray(values)
     if stated.dtype.kind in "USO" and any(isinstance(item, str | bytes) for item in stated.ravel()):
@@ -532,8 +532,8 @@ def property_values(
 def element_vectors(name: str, nodes: IntArray, positions: NodeCoordinates) -> tuple[FloatArray, FloatArray]:
     """Lengths in m (n_elements,) and unit vectors (n_elements, n_dimensions) from first to second node.
 
-    `nodes` (n_elements, 2 or more) are labels and `positions` theirs, m. Raises `InputError`, which names the set, if two
-    ends coincide.
+    `nodes` (n_elements, 2 or more) are labels and `positions` theirs, m. Raises `InputError`, which names the set, if
+    two ends coincide.
     """
     start = np.array([positions[int(n)] for n in nodes[:, 0]])
     end = np.array([positions[int(n)] for n in nodes[:, 1]])

@@ -251,7 +251,8 @@ def require_regular(name: str, nodes: IntArray, positions: FloatArray, determina
 def require_none(bad: np.ndarray, name: str, nodes: IntArray, words: str, remedy: str) -> None:
     """Raise `InputError` for the first cell where `bad` (n_cells,) is True, and say how many others there are.
 
-    `name` is that of the set, `nodes` are labels (n_cells, n_nodes). `words` say what is wrong, `remedy` ends the message.
+    `name` is that of the set, `nodes` are labels (n_cells, n_nodes). `words` say what is wrong, `remedy` ends the
+    message.
     """
     if bad.any():
         e, others = int(np.argmax(bad)), int(bad.sum()) - 1

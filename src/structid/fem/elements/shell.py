@@ -56,8 +56,8 @@ class _Facets:
     def in_space(self, local: FloatArray) -> FloatArray:
         """Matrices on all six motions of each corner, turned from the facet's axes to global axes, (n_cells, 6 n, 6 n).
 
-        `local` (n_cells, 6 n, 6 n) are those in the facet's axes, corner by corner. Nodes out of the plane are joined to it
-        by rigid links along the normal.
+        `local` (n_cells, 6 n, 6 n) are those in the facet's axes, corner by corner. Nodes out of the plane are joined
+        to it by rigid links along the normal.
         """
         n_cells, n = self.height.shape
         if self.height.any():
@@ -206,8 +206,8 @@ class Shell(ThinSet):
 def _turned_strains(axes: FloatArray) -> FloatArray:
     """Map (3, 3) of strains (xx, yy, engineering xy) from a facet's axes to axes in its plane with x near global X.
 
-    That x is the part of global X in the plane, or of global Y where the normal runs along X to about half a degree. `axes`
-    (3, 3) has the facet's axes as rows.
+    That x is the part of global X in the plane, or of global Y where the normal runs along X to about half a degree.
+    `axes` (3, 3) has the facet's axes as rows.
     """
     c, s = axes[:2, 0]
     if np.hypot(c, s) < _ALONG_NORMAL:
@@ -322,8 +322,8 @@ def mean_strains(corners: FloatArray) -> FloatArray:
 def _triangle_stiffness(corners: FloatArray, elasticity: FloatArray, higher: float) -> FloatArray:
     """Stiffness of triangles on (u, v, rotation) of each corner for unit thickness, (n_cells, 9, 9).
 
-    `corners` (n_cells, 3, 2) are positions in m, `elasticity` (3, 3) is stress from strain in plane stress, and `higher` the
-    factor on the stiffness against linear strains.
+    `corners` (n_cells, 3, 2) are positions in m, `elasticity` (3, 3) is stress from strain in plane stress, and
+    `higher` the factor on the stiffness against linear strains.
     """
     area = _area(corners)
     tractions = _lumped_tractions(corners)

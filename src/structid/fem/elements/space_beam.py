@@ -170,8 +170,8 @@ def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> Flo
 def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
     """Maps (n_elements, 2 or 4, 12) from the twelve global coordinates of a beam to its local ones, by name.
 
-    ``along`` and ``twist`` give axial motion and rotation at both ends; ``about_y`` and ``about_z`` give w1 theta1 w2 theta2
-    of each bending plane. `axes` (n_elements, 3, 3) are the local axes as rows.
+    ``along`` and ``twist`` give axial motion and rotation at both ends; ``about_y`` and ``about_z`` give w1 theta1 w2
+    theta2 of each bending plane. `axes` (n_elements, 3, 3) are the local axes as rows.
     """
     n = len(axes)
     maps: dict[str, FloatArray] = {

@@ -263,8 +263,8 @@ def _read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
     Raises
     ------
     FileError
-        If there is no matrix, an element lacks nodes or degrees of freedom, its matrix has another number of values than these
-        ask for, or a line cannot be read.
+        If there is no matrix, an element lacks nodes or degrees of freedom, its matrix has another number of values
+        than these ask for, or a line cannot be read.
     """
     parts_of_kind: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
     for element in _read_elements(path, content):
@@ -349,8 +349,8 @@ def _whole_numbers(path: Path, number: int, line: bytes) -> list[int]:
 def _row_dofs(path: Path, element: _Element) -> IntArray:
     """Node and component of each row of the element matrix, (n_rows, 2).
 
-    The components of the first line of degrees of freedom hold until a later line changes them. Raises `FileError` if nodes
-    or that line are missing.
+    The components of the first line of degrees of freedom hold until a later line changes them. Raises `FileError` if
+    nodes or that line are missing.
     """
     where = f"{path}, line {element.line}: element {element.label}"
     if len(element.nodes) != element.n_nodes:

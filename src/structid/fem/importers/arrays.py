@@ -273,8 +273,8 @@ def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:
 def _read_lines(path: Path, body: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _WordTable]:
     """The sizes, and a table of the words in the lines behind them; comments and blank lines are passed over.
 
-    `body` follows the banner; `n_sizes` numbers are on its first line, and `per_line` words on each other. Raises `FileError`
-    for a line with another number of words.
+    `body` follows the banner; `n_sizes` numbers are on its first line, and `per_line` words on each other. Raises
+    `FileError` for a line with another number of words.
     """
     buffer = np.frombuffer(body.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
     word = buffer > ord(" ")
@@ -313,8 +313,8 @@ def _array_positions(
 ) -> tuple[IntArray, IntArray]:
     """Row and column, from 0, of each of `n_entries` entries of an array layout, (n_entries,) each.
 
-    The entries are whole columns of the `n_rows` by `n_columns` matrix, or the part on and below the diagonal (below, if
-    skew); `symmetry` is the word in the banner. Raises `FileError` for another number of entries.
+    The entries are whole columns of the `n_rows` by `n_columns` matrix, or the part on and below the diagonal (below,
+    if skew); `symmetry` is the word in the banner. Raises `FileError` for another number of entries.
     """
     if symmetry == "general":
         wanted = n_rows * n_columns
@@ -334,8 +334,8 @@ def _require_triangle(
 ) -> None:
     """Raise `FileError` unless the matrix is square and its entries are on one side of the diagonal.
 
-    `row` and `column` (n_entries,) are the indices of the entries, `n_rows` and `n_columns` the sizes of the matrix. `words`
-    has the lines of the entries, and `symmetry` is the word in the banner, both for messages.
+    `row` and `column` (n_entries,) are the indices of the entries, `n_rows` and `n_columns` the sizes of the matrix.
+    `words` has the lines of the entries, and `symmetry` is the word in the banner, both for messages.
     """
     if n_rows != n_columns:
         raise FileError(f"{path}: is called {symmetry} and has {n_rows} rows and {n_columns} columns; {_MTX_REMEDY}")

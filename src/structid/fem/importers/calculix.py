@@ -31,8 +31,8 @@ def read(path: Path) -> list[ImportedMatrix]:
     Raises
     ------
     FileError
-        If the ``.dof`` file is missing, a line of either file cannot be read, a value is not finite, rows lie outside the
-        numbering, or one lacks its diagonal entry.
+        If the ``.dof`` file is missing, a line of either file cannot be read, a value is not finite, rows lie outside
+        the numbering, or one lacks its diagonal entry.
     """
     dofs = _read_dof_file(require_readable(path.with_suffix(".dof")))
     name, n = _NAMES[path.suffix.lower()], len(dofs)

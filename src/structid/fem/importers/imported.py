@@ -275,7 +275,8 @@ def matrix_from_entries(
 def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) -> ImportedMatrix:
     """The assembled matrix called `name` of element matrices, with the entries of each element.
 
-    `parts` are (label, node and component of the rows (n, 2), matrix (n, n)) of each element; rows of the result are sorted.
+    `parts` are (label, node and component of the rows (n, 2), matrix (n, n)) of each element; rows of the result are
+    sorted.
     """
     codes = [codes_of(dofs) for _, dofs, _ in parts]
     all_codes = np.unique(np.concatenate(codes))

@@ -89,9 +89,9 @@ def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
     Parameters
     ----------
     path : str or Path
-        Nastran OUTPUT4 (.op4), DMIG in bulk data or punch files (.pch .bdf .dat ...), Abaqus (.mtx), Ansys (.full .emat,
-        with `ansys-mapdl-reader` installed), CalculiX (.sti .mas, with the .dof beside it), MatrixMarket (.mtx), NPZ, NPY,
-        MAT, Harwell-Boeing (.hb .rb .rua .rsa, and .matrix of Ansys HBMAT).
+        Nastran OUTPUT4 (.op4), DMIG in bulk data or punch files (.pch .bdf .dat ...), Abaqus (.mtx), Ansys (.full
+        .emat, with `ansys-mapdl-reader` installed), CalculiX (.sti .mas, with the .dof beside it), MatrixMarket (.mtx),
+        NPZ, NPY, MAT, Harwell-Boeing (.hb .rb .rua .rsa, and .matrix of Ansys HBMAT).
 
     Raises
     ------
@@ -203,8 +203,8 @@ def write_matrices(path: str | Path, matrices: Iterable[ImportedMatrix]) -> None
     Parameters
     ----------
     path : str or Path
-        .op4, .pch (DMIG) and .mat hold several; .npz, .npy and .mtx (MatrixMarket) hold one. DMIG alone keeps the node and
-        component of each row.
+        .op4, .pch (DMIG) and .mat hold several; .npz, .npy and .mtx (MatrixMarket) hold one. DMIG alone keeps the node
+        and component of each row.
 
     Raises
     ------

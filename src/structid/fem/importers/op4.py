@@ -43,8 +43,8 @@ def read(path: Path) -> list[ImportedMatrix]:
     Raises
     ------
     FileError
-        If the file is cut short or damaged, with the matrix, byte or line; if it holds no matrix, or entries of a symmetric one
-        disagree.
+        If the file is cut short or damaged, with the matrix, byte or line; if it holds no matrix, or entries of a
+        symmetric one disagree.
     """
     content = path.read_bytes()
     kind = _word_format(content)
@@ -382,7 +382,8 @@ def _text_matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
 def _read_title(lines: _Lines, line_index: int) -> _Title:
     """The title line of a matrix at line index `line_index`: sizes, form, type, name and number format.
 
-    Five numbers a line of 16 columns if it states no format. Raises `FileError` for sizes or types that are not possible.
+    Five numbers a line of 16 columns if it states no format. Raises `FileError` for sizes or types that are not
+    possible.
     """
     line = lines.text[line_index]
     wide = 16 if line.rstrip().upper().endswith(b"|I16") else 0  # large dimensions have fields of sixteen columns
@@ -419,8 +420,8 @@ def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
 def _read_strings(lines: _Lines, line_index: int, title: _Title) -> tuple[IntArray, int]:
     """First line, number of reals, row and column of each string, (n_strings, 4), and the line index behind the matrix.
 
-    Lines, rows and columns count from 0. The strings begin at `line_index`; raises `FileError` for positions that are not
-    possible.
+    Lines, rows and columns count from 0. The strings begin at `line_index`; raises `FileError` for positions that are
+    not possible.
     """
     strings: list[tuple[int, int, int, int]] = []
     words_per_real = 1 if title.kind % 2 == 1 else 2
@@ -579,11 +580,12 @@ class _Strings:
 def _strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, single: bool) -> _Strings:
     """The entries of `matrix` as strings, column by column: runs without a gap.
 
-    The sparse layout limits their length: longer runs are cut. In the dense layout a column is a single string from its first
-    to its last entry, zeros included.
+    The sparse layout limits their length: longer runs are cut. In the dense layout a column is a single string from its
+    first to its last entry, zeros included.
 
-    `name` is that of the matrix, `form` the number of OUTPUT4 for its form (1, 2 or 6), `layout` that of the file. `single`
-    sets the type to single precision; values are not rounded here. Sorts `matrix` and removes its zeros in place.
+    `name` is that of the matrix, `form` the number of OUTPUT4 for its form (1, 2 or 6), `layout` that of the file.
+    `single` sets the type to single precision; values are not rounded here. Sorts `matrix` and removes its zeros in
+    place.
     """
     matrix.sort_indices()
     matrix.eliminate_zeros()

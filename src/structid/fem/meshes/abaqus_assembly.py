@@ -87,9 +87,9 @@ class PartData:
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
         """Add the nodes in the data lines of a *NODE to `nodes`, and to the node set that it names, if any.
 
-        Their coordinates in the file are in the current coordinate system. `options` are those of the keyword, `rows` the words
-        of its data lines. Raises `ValueError` if a node repeats, coordinates may have decimal commas, or SYSTEM is neither
-        rectangular nor cylindrical.
+        Their coordinates in the file are in the current coordinate system. `options` are those of the keyword, `rows`
+        the words of its data lines. Raises `ValueError` if a node repeats, coordinates may have decimal commas, or
+        SYSTEM is neither rectangular nor cylindrical.
         """
         _require_decimal_points(rows)
         labels = [int(row[0]) for row in rows]
@@ -179,8 +179,9 @@ class PartData:
 def _require_decimal_points(rows: list[list[str]]) -> None:
     """Raise `ValueError` if lines of nodes may have decimal commas, which Abaqus takes as the ends of numbers.
 
-    `rows` are the words of each line: label, three coordinates and, if given, the direction of the normal. Decimal commas
-    leave no point in any of them, and what follows the third number is no direction, or one along no axis or diagonal.
+    `rows` are the words of each line: label, three coordinates and, if given, the direction of the normal. Decimal
+    commas leave no point in any of them, and what follows the third number is no direction, or one along no axis or
+    diagonal.
     """
     if any("." in word for row in rows for word in row[1:]):
         return
@@ -196,8 +197,8 @@ def _require_decimal_points(rows: list[list[str]]) -> None:
 def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
     """The rectangular coordinate system of a *SYSTEM keyword; None if it has no data, which ends the system before.
 
-    `rows` are the words of its data lines: origin and a point on x, then a point in x-y, by default in the global x-y plane.
-    Raises `ValueError` if the points lie on a line.
+    `rows` are the words of its data lines: origin and a point on x, then a point in x-y, by default in the global x-y
+    plane. Raises `ValueError` if the points lie on a line.
     """
     lines = [[float(word or 0) for word in row] for row in rows if any(row)]
     if not lines:

@@ -190,8 +190,8 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
 def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
     """Directions (3, 3), as rows, of a *TRANSFORM at a node in `position`; `ValueError` if its points lie on a line.
 
-    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`. All points are (3,), in
-    one unit.
+    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`. All points are
+    (3,), in one unit.
     """
     if form == "R":
         directions = axes_of_points(np.zeros(3), np.cross(a, b), a)

@@ -133,8 +133,8 @@ class Surfaces:
     def _face(self, scope: PartData, label: int, side: str) -> tuple[tuple[int, ...], bool]:
         """Labels in the mesh of the nodes of a face, corners before middles, and True if the element is a shell.
 
-        `label` is that of the element in its `scope`; `side` is S1, S2, ... of a solid, or a side of a shell such as SPOS. Raises
-        `ValueError` if there is no such element or face.
+        `label` is that of the element in its `scope`; `side` is S1, S2, ... of a solid, or a side of a shell such as
+        SPOS. Raises `ValueError` if there is no such element or face.
         """
         for name, table in scope.elements.items():
             if label in table:

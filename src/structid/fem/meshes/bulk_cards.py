@@ -290,8 +290,8 @@ def _expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tup
     Raises
     ------
     FileError
-        If a line replicates no card before it, one with continuation lines or one without steps, a field to be stepped is no
-        number, or cards are too many.
+        If a line replicates no card before it, one with continuation lines or one without steps, a field to be stepped
+        is no number, or cards are too many.
     """
     if not any(_may_replicate(line) for line in lines):
         return lines, list(range(len(lines)))

@@ -226,8 +226,8 @@ def _dimension_of(block: CellBlock) -> int:
 def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
     """Pairs of labels of nodes with the same position, (n_pairs, 2), the lower first, sorted.
 
-    Only nodes of cells and of `parts` count, and pairs that one of `parts` joins are left out. The same position is to 1e-9
-    of the size of the mesh.
+    Only nodes of cells and of `parts` count, and pairs that one of `parts` joins are left out. The same position is to
+    1e-9 of the size of the mesh.
     """
     from scipy.spatial import cKDTree
 

@@ -215,7 +215,8 @@ def _without_repeats(path: Path, name: str, cards: Cards) -> Cards:
 def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
     """Property number of each element `labels` (n,) if its field is blank: that of BAROR or BEAMOR for bars and beams.
 
-    Without such a card it is the element's own number. `name` is the card of the elements, `cards` are those of the deck.
+    Without such a card it is the element's own number. `name` is the card of the elements, `cards` are those of the
+    deck.
     """
     default = _BARS.get(name, "")
     if default not in cards or cards[default].is_blank(1).all():
@@ -374,9 +375,9 @@ class _OffsetReader:
     ) -> FloatArray:
         """The arm (3,) in m of an end (0 or 1) of the bar `row` of a block in global directions.
 
-        `vector` (3,) is the offset in m along the directions of motion of the grid point (G in OFFT) or the axes of the element
-        (O); `fields` are those of the bar's card and `flags` its OFFT. Raises `ValueError` for other letters, and if the
-        orientation vector gives the element no axes.
+        `vector` (3,) is the offset in m along the directions of motion of the grid point (G in OFFT) or the axes of the
+        element (O); `fields` are those of the bar's card and `flags` its OFFT. Raises `ValueError` for other letters,
+        and if the orientation vector gives the element no axes.
         """
         flag = flags[1 + end] if len(flags) == 3 else ""
         node = int(block.nodes[row, end])

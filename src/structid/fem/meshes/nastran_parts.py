@@ -414,8 +414,8 @@ def _bush_weights(
 ) -> dict[tuple[int, str], float]:
     """Weights, by (node, direction), of the displacement of the second end less the first along `axis` at the spring.
 
-    `second` is 0 for the ground. `axis` (3,) is a unit vector; rotations about it are meant if `is_rotation`. The spring is
-    at `fraction` of the way from the first to the second node, and moves with each as a rigid body.
+    `second` is 0 for the ground. `axis` (3,) is a unit vector; rotations about it are meant if `is_rotation`. The
+    spring is at `fraction` of the way from the first to the second node, and moves with each as a rigid body.
     """
     weights = weights_along(first, axis, is_rotation, -1.0)
     ends = [(first, -1.0, fraction), (second, 1.0, fraction - 1.0)] if second else [(first, -1.0, 0.0)]

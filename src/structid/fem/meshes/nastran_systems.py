@@ -74,8 +74,8 @@ class BulkSystems:
     def system(self, number: int, within: tuple[int, ...] = ()) -> CoordinateSystem:
         """The coordinate system `number` in basic coordinates and the unit of the file; kept once it is resolved.
 
-        `within` are the numbers of those being resolved. Raises `FileError` if it is not there, has no axes, or is defined by
-        itself.
+        `within` are the numbers of those being resolved. Raises `FileError` if it is not there, has no axes, or is
+        defined by itself.
         """
         if number in self._resolved:
             return self._resolved[number]

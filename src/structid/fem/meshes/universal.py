@@ -25,13 +25,14 @@ _NODE, _ELEMENT = 7, 8
 def read(path: Path, units: DeckUnits) -> Mesh:
     """The mesh of the universal file at `path`, in m.
 
-    The unit of length is that of the file's dataset 164 or, where it has none, ``units.length``; the other units are not used.
+    The unit of length is that of the file's dataset 164 or, where it has none, ``units.length``; the other units are
+    not used.
 
     Raises
     ------
     FileError
-        If the file is damaged, its dataset 164 differs from ``units.length`` (unless that is 1, the default), it has no nodes
-        or no elements, or elements are axisymmetric or lack nodes.
+        If the file is damaged, its dataset 164 differs from ``units.length`` (unless that is 1, the default), it has no
+        nodes or no elements, or elements are axisymmetric or lack nodes.
     """
     blocks = read_blocks(path)
     nodes = read_nodes(path, blocks)

@@ -72,8 +72,8 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 def _orient_wedges(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
     """Nodes of wedges, reordered where needed so that the normal of the first triangle points to the second.
 
-    Writers of VTK files differ in this, so that the positions decide. `kind` is the cell type, `rows` (n_cells, n_nodes) are
-    row indices in `points` (n_points, 3). Other cell types are returned as they are.
+    Writers of VTK files differ in this, so that the positions decide. `kind` is the cell type, `rows` (n_cells,
+    n_nodes) are row indices in `points` (n_points, 3). Other cell types are returned as they are.
     """
     order = _OTHER_WAY.get(kind)
     if order is None or not len(rows):

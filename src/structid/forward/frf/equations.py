@@ -36,10 +36,10 @@ def measures_everything(structure: Structure, record: FrfRecord) -> bool:
 def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord) -> FloatArray:
     """Physical parameters from one linear least-squares solve of Z(p) x = f with the measured motion x.
 
-    With the motion of all degrees of freedom the equations are linear in masses, dampings and stiffnesses, so no start is
-    needed. If a stiffness and its loss factor are both unknown the equations are bilinear: they are linearized at the start of
-    the parameters, then at each answer, and the solve is repeated up to 20 times. Rows are not weighted. The classical
-    iteration of Norris (1986), Eq. 4.15, uses the motion of the model instead.
+    With the motion of all degrees of freedom the equations are linear in masses, dampings and stiffnesses, so no start
+    is needed. If a stiffness and its loss factor are both unknown the equations are bilinear: they are linearized at
+    the start of the parameters, then at each answer, and the solve is repeated up to 20 times. Rows are not weighted.
+    The classical iteration of Norris (1986), Eq. 4.15, uses the motion of the model instead.
 
     Parameters
     ----------

@@ -262,8 +262,8 @@ class FrfProblem(RecordProblem):
     def _whitened(self) -> WhitenedFrf:
         """Measured FRFs, not yet divided, with the form of the residual and the standard deviation that divides it.
 
-        The deviation is that of the real, and of the imaginary, part of each value, from noise and model error; parts of it that
-        go with a value's size take `record.sizes` where these are known.
+        The deviation is that of the real, and of the imaginary, part of each value, from noise and model error; parts
+        of it that go with a value's size take `record.sizes` where these are known.
         """
         record, square = self.record, np.abs(self.record.values) ** 2
         sizes = square if record.sizes is None else record.sizes**2

@@ -401,8 +401,8 @@ def solution_words(unknown: Parameters, fit: LinearFit | BlockFit, n_rows: int, 
 def _bias_words(equations: TimeEquations, fit: LinearFit, bias: FloatArray | None) -> list[str]:
     """Sentences on the predicted `bias` (n_params,) of the parameters of `fit`, in their units, by noise of the motion.
 
-    The first names the parameter with the largest bias relative to its value; a second those with a bias above half of their
-    value, if any. One general sentence if `bias` is None.
+    The first names the parameter with the largest bias relative to its value; a second those with a bias above half of
+    their value, if any. One general sentence if `bias` is None.
     """
     if bias is None:
         return [_BIAS]

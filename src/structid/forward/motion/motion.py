@@ -123,9 +123,9 @@ def completed(
 ) -> Motion:
     """Motion with missing quantities integrated (trapezoid) or differentiated (difference) from measured ones.
 
-    ``trapezoid``: velocity from acceleration and displacement from velocity, by the cumulative trapezoidal rule from the
-    initial values (n_dofs,), 0 by default. ``difference``: velocity and acceleration from displacement by central differences,
-    without the first and the last sample.
+    ``trapezoid``: velocity from acceleration and displacement from velocity, by the cumulative trapezoidal rule from
+    the initial values (n_dofs,), 0 by default. ``difference``: velocity and acceleration from displacement by central
+    differences, without the first and the last sample.
 
     Raises
     ------

@@ -129,7 +129,8 @@ def identify_motion_by_chunks(
     Returns
     -------
     MotionSolution
-        Values with the fit, standard deviations (n_params,) from the residual, and the numbers of equations and samples.
+        Values with the fit, standard deviations (n_params,) from the residual, and the numbers of equations and
+        samples.
 
     Raises
     ------

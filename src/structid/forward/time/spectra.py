@@ -223,9 +223,9 @@ class Transient:
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
         """Whitened regressors of all linear unknowns, (n_unknowns, n_frequencies * n_outputs), one in each row.
 
-        The order is a constant for each force, a slope over s for each force, then for each output its polynomial and tones.
-        `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the spectra, `reach` (n_frequencies, n_outputs,
-        n_forces) the whitened motion by each force.
+        The order is a constant for each force, a slope over s for each force, then for each output its polynomial and
+        tones. `whitening` (n_frequencies, n_outputs, n_outputs) is the factor on the spectra, `reach` (n_frequencies,
+        n_outputs, n_forces) the whitened motion by each force.
         """
         n_lines, n_out = self.spectra.motion.shape
         jumps, shapes, s = np.moveaxis(reach, 2, 0), self._own_shapes.T, self.relative_laplace[:, None]
@@ -348,9 +348,9 @@ class SpectraModel:
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Motions under loads and transient forces, motions under unit forces at sensors, and FRFs with channel errors.
 
-        Shapes (n_frequencies, n_dofs, n_inputs + n_forces), (n_frequencies, n_dofs, n_outputs) and (n_frequencies, n_outputs,
-        n_inputs). `own` are the parameters of the structure; `read` (n_frequencies, n_outputs) and `stated` (n_frequencies,
-        n_inputs) are the factors of sensors and of load cells.
+        Shapes (n_frequencies, n_dofs, n_inputs + n_forces), (n_frequencies, n_dofs, n_outputs) and (n_frequencies,
+        n_outputs, n_inputs). `own` are the parameters of the structure; `read` (n_frequencies, n_outputs) and `stated`
+        (n_frequencies, n_inputs) are the factors of sensors and of load cells.
         """
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
         fields = self.response.fields_at(own, self.columns)

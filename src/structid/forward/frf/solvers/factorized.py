@@ -204,8 +204,9 @@ class SparseSolver:
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields of one line after another: the line as a slice, and the fields (1, n_dofs, n_loads).
 
-        `loads` (n_dofs, n_loads) are all columns of the channels by default; then a reduced sweep is used if it is accurate
-        enough. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
+        `loads` (n_dofs, n_loads) are all columns of the channels by default; then a reduced sweep is used if it is
+        accurate enough. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the
+        matrices in Z.
         """
         sweep = self._reduced_sweep(physical, coefficients) if loads is None else None
         if sweep is not None:
@@ -432,8 +433,9 @@ class LastSweep:
     ) -> LineDerivatives:
         """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters.
 
-        They are cached by `key`, the bytes of the parameters and coefficients, where they take at most `_MOST_BYTES`. `sides` are
-        loads and sensors; `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at each line.
+        They are cached by `key`, the bytes of the parameters and coefficients, where they take at most `_MOST_BYTES`.
+        `sides` are loads and sensors; `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at
+        each line.
         """
         x = sweep.basis.all_coordinates()
         used, column_of = np.unique(sides.inputs[0], return_inverse=True)
