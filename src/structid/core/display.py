@@ -144,7 +144,7 @@ def data_array(
 
 
 def data_frame(columns: Mapping[str, Iterable[object]], index: str) -> pd.DataFrame:
-    """A ``pandas.DataFrame`` of `columns`, sequences of equal length by name; the column called `index` becomes its index.
+    """A ``pandas.DataFrame`` of `columns`, sequences of equal length by name; that called `index` becomes its index.
 
     Raises
     ------

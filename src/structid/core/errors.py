@@ -59,7 +59,10 @@ class UnnamedChannelsError(InputError):
 
 
 def require_class(argument: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
-    """Raise `InputError` unless the argument's `value` is of class `kind`, or of one of several; `remedy` ends the message."""
+    """Raise `InputError` unless the argument's `value` is of class `kind`, or of one of several.
+
+    `remedy` ends the message.
+    """
     if isinstance(value, kind):
         return
     names = " or ".join(each.__name__ for each in (kind if isinstance(kind, tuple) else (kind,)))
@@ -68,7 +71,7 @@ def require_class(argument: str, value: object, kind: type | tuple[type, ...], r
 
 @contextmanager
 def about(option: str) -> Iterator[None]:
-    """Context manager that gives an `InputError` raised in its block the `option` at fault, unless it names one already."""
+    """Context manager that gives an `InputError` raised in its block the `option` at fault, unless it names one."""
     try:
         yield
     except InputError as error:

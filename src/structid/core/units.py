@@ -156,7 +156,7 @@ def _normalize_unit(text: str) -> str:
 
 
 def _unit_name(text: str, among: Mapping[str, float]) -> str | None:
-    """The key of the table `among` (unit: SI factor) that `text` spells, in any common spelling; None if there is none."""
+    """The key of the table `among` (unit: SI factor) that `text` spells, in any common spelling; None if none."""
     if text in among:
         return text
     unit = _NAMES.get(text.lower())
@@ -197,7 +197,10 @@ def _read_unit(text: str) -> Unit | None:
 
 
 def _read_moment_unit(text: str) -> Unit | None:
-    """The unit of a moment, a force times a length in either order (N m, kN*mm, ft-lbf); None if `text` is no such unit."""
+    """The unit of a moment, a force times a length in either order (N m, kN*mm, ft-lbf).
+
+    None if `text` is no such unit.
+    """
     for match in _factor_pairs(text):
         for force, length in (match, match[::-1]):
             force_name, length_name = _unit_name(force, FORCES), _unit_name(length, LENGTHS)

@@ -84,10 +84,10 @@ class Component:
         interface: str | Dof | Iterable[str | Dof] = (),
         whole: bool = False,
     ) -> None:
-        """A component called `name` of the element sets `elements`, reduced to its interface and to modes up to `up_to`, Hz.
+        """A component of the element sets `elements`, reduced to its interface and to modes up to `up_to`, Hz.
 
-        `elements` are names of element sets. `interface` are degrees of freedom kept beside those shared with other parts of
-        the structure; signs are dropped. `whole` keeps the component unreduced.
+        `elements` are names of element sets. `interface` are degrees of freedom kept beside those shared with other
+        parts of the structure; signs are dropped. `whole` keeps the component unreduced.
 
         Raises
         ------
@@ -356,12 +356,12 @@ def _reduction_basis(
     border: IntArray,
     inside: IntArray,
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Static motions (n_inside, n_border), shapes with the border fixed (n_inside, n_shapes), and how many of them are modes.
+    """Static motions (n_inside, n_border), shapes with the border fixed (n_inside, n_shapes), and number of modes.
 
-    With the border fixed, first come modes K_ii phi = omega^2 M_ii phi, scaled to length 1, then orthonormal shapes that span
-    the rest of K_ii^-1 (M_ii Psi + M_ib), where Psi = -K_ii^-1 K_ib are the static motions. Motions without force are among
-    the modes; K_ii then has a small shift, which changes Psi by these motions alone. `matrices` are those of the component by
-    kind; `border` and `inside` index their rows.
+    The first of the shapes are the modes K_ii phi = omega^2 M_ii phi, scaled to length 1; then come orthonormal shapes
+    that span the rest of K_ii^-1 (M_ii Psi + M_ib), where Psi = -K_ii^-1 K_ib are the static motions. Motions without
+    force are among the modes; K_ii then has a small shift, which changes Psi by these motions alone. `matrices` are
+    those of the component by kind; `border` and `inside` index their rows.
     """
     stiffness, mass = matrices["stiffness"], matrices["mass"]
     stiffness_inside, mass_inside = (sparse.csc_array(matrix[inside][:, inside]) for matrix in (stiffness, mass))

@@ -260,9 +260,10 @@ class MeasuredComponent:
         return errors
 
     def _require_regular(self, frequency: FloatArray, receptance: ComplexArray) -> None:
-        """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency` (n_lines,), Hz.
+        """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency`, Hz.
 
-        It is if a diagonal entry is 0, or its condition number, scaled to a unit diagonal, exceeds 1e8.
+        `frequency` is (n_lines,). It is if a diagonal entry is 0, or its condition number, scaled to a unit diagonal,
+        exceeds 1e8.
         """
         size = np.sqrt(np.abs(np.diagonal(receptance, axis1=1, axis2=2)))
         if not size.all():
@@ -307,9 +308,9 @@ def _read_between(axis: FloatArray, values: ComplexArray, frequency: FloatArray)
 
 
 def _cubic_weights(axis: FloatArray, frequency: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Indices of the four measured lines next to each `frequency` and weights of the cubic through them, (n_frequency, 4) each.
+    """Indices of the four measured lines next to each `frequency` and weights of the cubic through them.
 
-    `axis` are the measured lines, Hz, increasing, four or more. The weights are Lagrange's.
+    Both are (n_frequency, 4). `axis` are the measured lines, Hz, increasing, four or more. The weights are Lagrange's.
     """
     near = np.clip(np.searchsorted(axis, frequency) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)

@@ -177,7 +177,7 @@ def _make_node_position(node: int, elements: Sequence[ElementSet], positions: No
 def split_by_length_power(
     name: str, terms_of: Callable[[NodeCoordinates], Sequence[PropertyMatrices]], positions: NodeCoordinates
 ) -> tuple[PropertyMatrices, ...]:
-    """Terms of bars or beams, with each matrix term split by the power of the element length that it is proportional to.
+    """Terms of bars or beams, with each matrix split by the power of the element length it is proportional to.
 
     Matrices are sums of powers from -3 to 3, separated by evaluation at all lengths times 2^k, k from -3 to 3.
 
@@ -230,9 +230,10 @@ def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[E
 
 
 def _power_weights() -> FloatArray:
-    """Weights (n_powers, n_scales) that split a matrix, known at lengths scaled by 2^k, into its parts by powers p of length.
+    """Weights (n_powers, n_scales) that split a matrix, known at scaled lengths, into its parts by powers of length.
 
-    The inverse of the matrix 2^(k p), computed in fractions without rounding.
+    Lengths are scaled by 2^k, and a part goes with the power p. The inverse of the matrix 2^(k p), computed in
+    fractions without rounding.
     """
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]

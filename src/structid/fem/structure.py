@@ -126,11 +126,11 @@ class Structure(Shown, StructurePlots):
         left_aside: Iterable[str] = (),
         file_notes: Iterable[str] = (),
     ) -> None:
-        """A structure of nodes (positions in m), element sets, supports and ties.
+        """A structure of nodes (positions in m), element sets, supports and ties; matrices are made and checked here.
 
-        The arguments are as the attributes of the class. `active` are the directions of motion, `fixed` the supports,
-        `subdivide` the pieces of each line, `sliding` the nodes whose position is a property, and `left_aside` and
-        `file_notes` remarks on the mesh file. All matrices are made and checked here.
+        `fixed` are the supports, `active` the directions of motion, `subdivide` the pieces of each line, `bases`
+        supports that drive, `sliding` nodes whose position is a property, `components` and `measured` reduced and
+        measured parts, `damping_ratio` that of all modes. `left_aside` and `file_notes` are remarks on the mesh file.
 
         Raises
         ------
@@ -444,13 +444,13 @@ class Structure(Shown, StructurePlots):
         return {}
 
     def matrix(self, kind: str, values: FloatArray | None = None) -> sparse.csc_array:
-        """Mass, damping, stiffness or structural damping matrix on the free degrees of freedom, (n_dofs, n_dofs), SI units.
+        """Mass, damping, stiffness or structural damping matrix on the free degrees of freedom, (n_dofs, n_dofs), SI.
 
         Parameters
         ----------
         kind : {"mass", "damping", "stiffness", "structural_damping"}
-            Mass matrix, viscous damping, stiffness, and imaginary part of the complex stiffness; ``friction:NAME`` for the
-            matrix of a friction element.
+            Mass matrix, viscous damping, stiffness, and imaginary part of the complex stiffness; ``friction:NAME`` for
+            the matrix of a friction element.
         values : (n_values,) float array, optional
             Property values; the nominal ones by default.
 
@@ -561,7 +561,10 @@ class Structure(Shown, StructurePlots):
 
 
 def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
-    """Raise `InputError` unless there are nodes, with finite positions of the same 1, 2 or 3 coordinates and labels from 0."""
+    """Raise `InputError` unless there are nodes, with labels from 0 and finite positions of 1, 2 or 3 coordinates.
+
+    All must have the same number of coordinates.
+    """
     if not nodes:
         raise InputError("`nodes` must hold at least one node, got none")
     sizes = {len(x) for x in nodes.values()}

@@ -125,7 +125,7 @@ def numbered_terms(
 
 
 def is_divisible(element: ElementSet, positions: NodeCoordinates, active: Sequence[str]) -> bool:
-    """True if the elements of a set are lines whose pieces are held sideways, so that they can be cut.
+    """True if the elements of a set are lines that can be cut: their pieces cannot move sideways without stiffness.
 
     A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion,
     and beams have bending stiffness against it. `positions` are those of the nodes, m; `active` the directions in which
@@ -255,9 +255,10 @@ def _replace_code(
 
 
 def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tuple[ElementSet, int]:
-    """The element set and row (from 0) that `text` names, such as ``girder:2`` (from 1), or ``girder`` if it has one element.
+    """The element set and row (from 0) that `text` names: ``girder:2`` (from 1), or ``girder`` of one element.
 
-    Only bars and beams count. Raises `InputError`, which names `joint`, if there is no such element or `text` leaves it open.
+    Only bars and beams count. Raises `InputError`, which names `joint`, if there is no such element or `text` leaves it
+    open.
     """
     sets = {element.name: element for element in elements if element.is_line}
     chosen = None if text in sets else _ELEMENT.match(text)

@@ -146,9 +146,10 @@ class ChannelErrors(NamedUnknowns):
         return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
 
     def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Derivative of the logarithm of a reading by each error, (n_frequencies, n_params): 1 / gain, or -s for a delay.
+        """Derivative of the logarithm of a reading by each error, (n_frequencies, n_params).
 
-        `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay is 0.
+        It is 1 / gain for a gain and -s for a delay. `physical` (n_params,) are the errors, `laplace` (n_frequencies,)
+        is s in 1/s. The column of a window's decay is 0.
         """
         slopes = np.zeros((len(laplace), self.n_params), dtype=np.complex128)
         gains = self.rows("gain")

@@ -299,9 +299,10 @@ class Beam(ElementSet):
 
 
 def _plane_maps(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Maps from (X Y RZ, X Y RZ) to axial (u1 u2) and bending (w1 theta1 w2 theta2) coordinates, (n_elements, 2 or 4, 6).
+    """Maps from (X Y RZ, X Y RZ) to axial and bending coordinates, (n_elements, 2, 6) and (n_elements, 4, 6).
 
-    `direction` holds the unit vectors along the beams, (n_elements, 2).
+    Axial are (u1 u2), bending (w1 theta1 w2 theta2). `direction` holds the unit vectors along the beams, (n_elements,
+    2).
     """
     c, s = direction[:, 0], direction[:, 1]
     along = np.zeros((len(c), 2, 6))

@@ -95,11 +95,11 @@ class CellSet(ElementSet):
 
 
 def cell_positions(name: str, nodes: IntArray, positions: NodeCoordinates, dimensions: int) -> FloatArray:
-    """Positions in m of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended.
+    """Positions in m of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions).
 
-    `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended; `positions` map labels to coordinates. Raises `InputError`,
-    which names the set `name`, if nodes have fewer than `dimensions` coordinates, or more and a cell is not parallel to the
-    x-y plane.
+    They are 0 where a row has ended. `nodes` (n_cells, n_nodes) are labels, -1 where a row has ended; `positions` map
+    labels to coordinates. Raises `InputError`, which names the set `name`, if nodes have fewer than `dimensions`
+    coordinates, or more and a cell is not parallel to the x-y plane.
     """
     size = len(next(iter(positions.values())))
     if size < dimensions:

@@ -44,9 +44,10 @@ class Connector(ElementSet):
     second: OtherEnds = declared("The other end; the ground where left out", default=None)
 
     def __post_init__(self) -> None:
-        """Store and check the ends, and derive the node table (n_elements, 2), with -1 in the second column for the ground.
+        """Store and check the ends, and derive the node table (n_elements, 2).
 
-        Raises `InputError` if the ends differ in number or kind of motion, or coincide.
+        The second column is -1 for the ground. Raises `InputError` if the ends differ in number or kind of motion, or
+        coincide.
         """
         for key in ("first", "second"):
             named = getattr(self, key)
@@ -76,9 +77,9 @@ class Connector(ElementSet):
 
 
 def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
-    """Raise `InputError` unless `first` and `second` are equally many, each pair of the same kind of motion, and different.
+    """Raise `InputError` unless `first` and `second` pair different degrees of freedom of the same kind of motion.
 
-    `name` is that of the set; `second` is None for the ground.
+    They must be equally many. `name` is that of the set; `second` is None for the ground.
     """
     if not first:
         raise InputError(f"`first` of {name!r} must name at least one degree of freedom")

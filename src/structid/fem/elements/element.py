@@ -175,7 +175,7 @@ def declarations(kind: type[ElementSet] | ElementSet) -> dict[str, Declared]:
 
 @dataclass_transform(field_specifiers=(declared,), eq_default=False)  # frozen, mypy forgets `Given` of inherited fields
 def element(cls: type[E]) -> type[E]:
-    """Class decorator that makes an element type a frozen dataclass and lists its fields as parameters in the docstring.
+    """Class decorator that makes an element type a frozen dataclass with its fields listed in the docstring.
 
     The parameters come after the summary, before sections of notes and references.
     """

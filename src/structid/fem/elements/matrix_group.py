@@ -98,9 +98,9 @@ class MatrixGroup(ElementSet):
         return (*terms, *loss)
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """The group's matrices by "mass", "stiffness" and "damping", each as one element; signs of the rows are taken out.
+        """The group's matrices by "mass", "stiffness" and "damping", each as one element.
 
-        The arguments have no influence.
+        Signs of the rows are taken out. The arguments have no influence.
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])

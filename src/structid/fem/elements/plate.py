@@ -159,11 +159,11 @@ def centre_curvatures(name: str, nodes: IntArray, corners: FloatArray, cell: str
 def _curvatures(
     name: str, nodes: IntArray, corners: FloatArray, cell: str, points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Maps (n_cells, 3, 3 n) from corner motions to strains per height, for each point, and determinants (n_points, n_cells).
+    """Maps (n_cells, 3, 3 n) from corner motions to strains per height, for each point, and determinants.
 
-    Motions are (w, theta_x, theta_y) corner by corner, strains xx, yy and engineering xy; `points` are reference
-    points. `corners` (n_cells, n, 2) are positions in m, `cell` is "triangle" or "quad"; `name` and `nodes` (labels)
-    are for messages.
+    The determinants are (n_points, n_cells). Motions are (w, theta_x, theta_y) corner by corner, strains xx, yy and
+    engineering xy; `points` are reference points. `corners` (n_cells, n, 2) are positions in m, `cell` is "triangle" or
+    "quad"; `name` and `nodes` (labels) are for messages.
     """
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
     rotations = CELLS[_ROTATIONS[cell]]

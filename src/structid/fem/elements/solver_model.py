@@ -139,7 +139,7 @@ class SolverModel(ElementSet):
         return (*parameter_terms, *terms)
 
     def matrix(self, matrix_of: str, values: Mapping[str, float]) -> sparse.csc_array:
-        """The ``mass``, ``damping`` or ``stiffness`` matrix, sparse (n_dofs, n_dofs) in SI units; zero if it has no parts.
+        """The ``mass``, ``damping`` or ``stiffness`` matrix, sparse (n_dofs, n_dofs), SI units; zero without parts.
 
         `values` are the values of all parameters by name, each in its unit.
         """
@@ -295,10 +295,10 @@ def _split_powers(part: Part) -> tuple[str, Powers]:
 
 
 def _kind_of_parameter(name: str, parts: Sequence[Part]) -> Kind:
-    """Kind of the property of the parameter `name`: that of the one matrix that is proportional to it, else ``parameter``.
+    """Kind of the property of the parameter `name`: that of the one matrix proportional to it, else ``parameter``.
 
-    The kind is ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to one matrix and have
-    the parameter to the first power, alone.
+    The kind is ``mass``, ``viscous_damping`` or ``stiffness`` if all parts with the parameter belong to one matrix and
+    have the parameter to the first power, alone.
     """
     of_parameter = [part for part in parts if any(name == other for other, _ in part.powers)]
     kinds = {part.matrix_of for part in of_parameter}

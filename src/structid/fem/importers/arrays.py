@@ -93,7 +93,7 @@ def _text(array: AnyArray) -> str:
 
 
 def _matrix_of_diagonals(shape: tuple[int, int], offsets: AnyArray, values: AnyArray) -> sparse.csc_array:
-    """Sparse matrix of `shape` whose diagonal ``offsets[k]`` is row k of `values`, each value in the column where it stands.
+    """Sparse matrix of `shape` whose diagonal ``offsets[k]`` is row k of `values`, in the columns where they stand.
 
     Offsets count from the main diagonal, positive above it. `ValueError` unless `values` has a row for each offset.
     """

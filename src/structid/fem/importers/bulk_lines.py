@@ -199,10 +199,10 @@ def _with_comma(buffer: Bytes, start: IntArray, end: IntArray) -> NDArray[np.boo
 def _widen_free_lines(
     content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool
 ) -> tuple[bytes, IntArray]:
-    """Text in which each free-field line is rewritten in wide fixed fields, and the source line number of each of its lines.
+    """Text in which free-field lines are rewritten in wide fixed fields, and the source line number of each line.
 
-    `free` (n_lines,) marks such lines and `number` has their numbers; `whole_lines` gives each of them two lines of four
-    fields.
+    `free` (n_lines,) marks such lines and `number` has their numbers; `whole_lines` gives each of them two lines of
+    four fields.
     """
     lines, numbers = [], []
     for line, is_free, source in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):

@@ -67,7 +67,10 @@ def _read_entries(path: Path) -> FloatArray:
 
 
 def _read_dof_file(path: Path) -> IntArray:
-    """Node and component of each row of the matrix, (n_rows, 2), from lines such as ``12.3``; `FileError` for other lines."""
+    """Node and component of each row of the matrix, (n_rows, 2), from lines such as ``12.3``.
+
+    Raises `FileError` for other lines.
+    """
     rows = []
     for number, line in enumerate(path.read_text(encoding="ascii").splitlines(), 1):
         node, _, component = line.strip().partition(".")

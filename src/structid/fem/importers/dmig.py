@@ -197,7 +197,10 @@ def _make_matrix(
 
 
 def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
-    """Complex values of `entries`, (n_entries,), from real and imaginary parts, or magnitude and phase in degrees if `polar`."""
+    """Complex values (n_entries,) of `entries`, from real and imaginary parts.
+
+    If `polar`, these are magnitude and phase in degrees.
+    """
     if polar:
         values: np.ndarray = entries.real * np.exp(1j * np.deg2rad(entries.imaginary))
         return values
@@ -222,7 +225,7 @@ def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: 
 
 
 def _rectangular_matrix(name: str, rows: IntArray, columns: IntArray, values: np.ndarray) -> ImportedMatrix:
-    """A rectangular matrix called `name` from entries; its rows and columns are the nodes and components in them, sorted.
+    """A rectangular matrix called `name` from entries; the nodes and components in them, sorted, are its axes.
 
     `rows` and `columns` (n_entries, 2) are node and component of each entry, `values` (n_entries,).
     """

@@ -123,9 +123,9 @@ def _card_fields(lines: BulkLines) -> list[list[str]]:
 
 
 def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
-    """Pairs of grid point and components, such as (12, "123"), from cards in `lines` on which they alternate; "" for none.
+    """Pairs of grid point and components, such as (12, "123"), from cards in `lines` that alternate them.
 
-    Raises `FileError` for a grid point or components that cannot be read.
+    Components are "" if there are none. Raises `FileError` for a grid point or components that cannot be read.
     """
     pairs = []
     for fields in _card_fields(lines):
@@ -136,9 +136,10 @@ def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
 
 
 def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
-    """Pairs of grid point and components, such as (12, "123"), from cards of components and then grid points or a THRU range.
+    """Pairs of grid point and components, such as (12, "123"), from cards of components and then grid points.
 
-    Raises `FileError` for a grid point or components that cannot be read, or a range that is too long.
+    Grid points may be a THRU range. Raises `FileError` for a grid point or components that cannot be read, or a range
+    that is too long.
     """
     pairs: list[tuple[int, str]] = []
     for fields in _card_fields(lines):

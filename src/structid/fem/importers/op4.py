@@ -142,9 +142,10 @@ def _binary_matrices(path: Path, content: bytes, kind: _WordFormat) -> list[Impo
 
 
 def _record_range(path: Path, content: bytes, offset: int, kind: _WordFormat, what: str) -> tuple[int, int]:
-    """Byte of `content` where the data of the record at byte `offset` begin, and their length in bytes, its two markers compared.
+    """Byte where the data of the record at byte `offset` begin, and their length in bytes; its two markers must agree.
 
-    Raises `FileError`, which names the record `what`, if it is cut short or damaged.
+    `content` are all bytes of the file. Raises `FileError`, which names the record `what`, if it is cut short or
+    damaged.
     """
     if offset + 4 > len(content):
         raise FileError(f"{path}: ends at byte {len(content)} before {what}; {_BINARY_REMEDY}")
@@ -304,7 +305,10 @@ def _encode_binary(strings: _Strings, options: Op4Options) -> bytes:
 
 
 def _pack_string_head(row: int, words: int, layout: str, kind: _WordFormat) -> bytes:
-    """Bytes before a string of the sparse layouts: its number of `words` and first `row` (from 1); none in the dense layout."""
+    """Bytes before a string of the sparse layouts: number of `words` and first `row` (from 1).
+
+    The dense layout has none.
+    """
     if layout == "dense":
         return b""
     if layout == "bigmat":
@@ -469,10 +473,11 @@ def _require(lines: _Lines, line_index: int, column: int, row: int, reals: int, 
 def _read_numbers(
     path: Path, buffer: NDArray[np.uint8], offset: IntArray, length: IntArray, table: IntArray, title: _Title
 ) -> FloatArray:
-    """The real numbers (n_numbers,) of all strings, one after another; `FileError` with the line for a field that is none.
+    """The real numbers (n_numbers,) of all strings, one after another.
 
-    `offset` and `length` (n_lines,) are first byte and size of each line in `buffer`; `table` (n_strings, 4) has first line,
-    number of reals, row and column of each string.
+    Raises `FileError` with the line for a field that is no number. `offset` and `length` (n_lines,) are first byte and
+    size of each line in `buffer`; `table` (n_strings, 4) has first line, number of reals, row and column of each
+    string.
     """
     count = table[:, 1]
     before = np.cumsum(count) - count
@@ -615,7 +620,10 @@ def _cut_long_strings(begins: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
-    """Row, column and value (n,) of all entries of `matrix` from the first to the last stored one of each column, zeros too."""
+    """Row, column and value (n,) of the entries of `matrix` from the first to the last stored one of each column.
+
+    Zeros between them are among these.
+    """
     used = np.flatnonzero(np.diff(matrix.indptr))
     top = matrix.indices[matrix.indptr[used]].astype(np.int64)
     count = matrix.indices[matrix.indptr[used + 1] - 1] - top + 1

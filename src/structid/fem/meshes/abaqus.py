@@ -167,7 +167,7 @@ def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
 
 
 def _kind(name: str) -> tuple[str, int]:
-    """Cell type and number of nodes of the Abaqus element type `name`; the type itself and 0 if structid does not know it."""
+    """Cell type and number of nodes of the Abaqus element type `name`; `name` and 0 if structid does not know it."""
     for pattern, kind, count in _KINDS:
         if re.fullmatch(rf"{pattern}[A-Z]*5?", name.upper()):
             return kind, count
@@ -222,7 +222,7 @@ def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
 
 
 def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tuple[IntArray, FloatArray]:
-    """Labels (n,) and positions in m (n, 3) of the nodes of instances, and of those nodes of the assembly that cells use.
+    """Labels (n,) and positions (n, 3), m, of the nodes of instances, and of those of the assembly that cells use.
 
     `blocks` are the cells; `factor` turns lengths of the file into m.
     """
@@ -441,10 +441,11 @@ class _SectionOffsets:
         return offsets
 
     def _beam_offsets(self, scope: PartData, block: KeywordBlock, index: int, rows: IntArray) -> CellOffsets:
-        """Arms, m, from the nodes to the axis of beams of CalculiX whose nodes lie widths along local directions 1 and 2 off it.
+        """Arms, m, from nodes to axis of beams of CalculiX whose nodes lie widths along local directions off it.
 
-        `index` is that of the cell block, `rows` are its cells in the section; `scope` is the part that has the section, `block`
-        the keyword. Raises `ValueError` if the section has no widths, or local direction 1 is along a beam.
+        These are directions 1 and 2. `index` is that of the cell block, `rows` are its cells in the section; `scope` is
+        the part that has the section, `block` the keyword. Raises `ValueError` if the section has no widths, or local
+        direction 1 is along a beam.
         """
         shape = block.options.get("SECTION", "").upper()
         words = [[float(word) for word in row if word] for row in block.rows if any(row)]
@@ -482,7 +483,10 @@ def _is_zero(word: str) -> bool:
 
 
 def _offset_in_thicknesses(word: str) -> float:
-    """An offset in thicknesses from `word`: a number, or SPOS (0.5), SNEG (-0.5) or MIDDLE (0); `ValueError` for others."""
+    """An offset in thicknesses from `word`: a number, or SPOS (0.5), SNEG (-0.5) or MIDDLE (0).
+
+    Raises `ValueError` for others.
+    """
     side = _SIDES.get(word.upper())
     if side is not None:
         return side

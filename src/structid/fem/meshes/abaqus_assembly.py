@@ -232,10 +232,11 @@ def _rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
 
 
 def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]], bool]:
-    """Nodes (as words) of each element by label, and True if lines have more nodes than the element (CalculiX accepts that).
+    """Nodes (as words) of each element by label, and True if lines have more nodes than the element.
 
-    With `count` nodes an element, its data run over several lines until it is complete; with 0, over lines that end in a
-    comma. `rows` are the words of the data lines. Raises `ValueError` if a label repeats or nodes are missing.
+    CalculiX accepts such lines. With `count` nodes an element, its data run over several lines until it is complete;
+    with 0, over lines that end in a comma. `rows` are the words of the data lines. Raises `ValueError` if a label
+    repeats or nodes are missing.
     """
     table: dict[int, list[str]] = {}
     pending: list[str] = []
@@ -368,9 +369,10 @@ class Assembly:
                     members.setdefault(owner, set()).update(labels)
 
     def _members_of_name(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
-        """Labels that `word` stands for, by instance name in capitals: a set of the assembly, INSTANCE.SET or INSTANCE.LABEL.
+        """Labels that `word` stands for, by instance name in capitals.
 
-        `is_nodes` says that node sets are meant, not element sets. Raises `ValueError` if there is none.
+        It is a set of the assembly, INSTANCE.SET or INSTANCE.LABEL. `is_nodes` says that node sets are meant, not
+        element sets. Raises `ValueError` if there is none.
         """
         assert self.own is not None
         every = self.node_sets if is_nodes else self.cell_sets

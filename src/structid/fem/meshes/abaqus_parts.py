@@ -460,10 +460,10 @@ def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> li
 
 
 def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Pairs (obstacle, part) of a *KINEMATIC COUPLING block, one for each data line; the obstacle is "" if there is none.
+    """Pairs (obstacle, part) of a *KINEMATIC COUPLING block, one a data line; the obstacle is "" if there is none.
 
-    The nodes of a line follow the reference node rigidly in the components that the line names. Names of nodes and sets are
-    looked up in `scope`, the part of the assembly in which the block stands.
+    The nodes of a line follow the reference node rigidly in the components that the line names. Names of nodes and sets
+    are looked up in `scope`, the part of the assembly in which the block stands.
     """
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
     items: ObstaclesAndParts = []
@@ -552,10 +552,11 @@ def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
 def _tie_near_nodes(
     deck: _AssemblyContext, block: KeywordBlock, followers: Sequence[int], carriers: Surface
 ) -> tuple[list[RigidLink | Constraint], int, float]:
-    """Constraints of the nodes that lie near a surface, the number of nodes that do not, and the distance that is near, m.
+    """Constraints of the nodes that lie near a surface, the number of those that do not, and the limit, m.
 
-    `followers` are the nodes, `carriers` is the surface; nodes of that surface itself are passed over. Near is the POSITION
-    TOLERANCE of the block, or 5 % of the mean side of the faces. Raises `ValueError` if nodes have directions of their own.
+    `followers` are the nodes, `carriers` is the surface; nodes of that surface itself are passed over. Near is the
+    POSITION TOLERANCE of the block, or 5 % of the mean side of the faces. Raises `ValueError` if nodes have directions
+    of their own.
     """
     from scipy.spatial import cKDTree
 
@@ -584,9 +585,10 @@ def _tie_near_nodes(
 
 
 def _tie_to_face(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint, is_turning: bool) -> list[Constraint]:
-    """Constraints by which `node` moves with a face at `point`: three translations, and rotations for a shell if `is_turning`.
+    """Constraints by which `node` moves with a face at `point`: three translations, rotations for a shell.
 
-    `face` is the labels of its nodes, and True if it is a shell.
+    Rotations are tied only if `is_turning`. `point` has the weights of the face's nodes. `face` is the labels of its
+    nodes, and True if it is a shell.
     """
     labels, is_shell = face
     ties = []
@@ -625,10 +627,10 @@ def _follow_rigidly(
     nodes: Sequence[int],
     components: Sequence[int],
 ) -> tuple[str, DeckPart]:
-    """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5).
+    """Obstacle ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
 
-    `block` gives the kind of the part and whether its directions are turned, which is an obstacle. All six components
-    make one rigid link, others a constraint each.
+    `dependents` are these nodes. `block` gives the kind of the part and whether its directions are turned, which is an
+    obstacle. All six components make one rigid link, others a constraint each.
     """
     kind = block.keyword
     if block.options.get("ORIENTATION"):

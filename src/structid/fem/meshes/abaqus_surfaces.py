@@ -263,7 +263,10 @@ def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> Float
 
 
 def mean_side(faces: Sequence[FloatArray]) -> float:
-    """Mean length of the sides of `faces`, by their corners alone; each is an array (3, 4, 6 or 8 nodes, 3) of positions."""
+    """Mean length of the sides of `faces`, by their corners alone.
+
+    Each face is an array (3, 4, 6 or 8 nodes, 3) of positions.
+    """
     lengths = []
     for positions in faces:
         corners = positions[: {3: 3, 6: 3, 4: 4, 8: 4}[len(positions)]]

@@ -54,9 +54,9 @@ class CoordinateSystem:
 
 
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
-    """Axes x, y, z as rows (3, 3) of a system with its origin in `origin`, a point `on_z` and one in the half plane of z and +x.
+    """Axes x, y, z as rows (3, 3) of a coordinate system given by three points (3,); None if they lie on a line.
 
-    Points are (3,); the third is `in_xz`. None if they lie on a line.
+    These are its origin, a point on z, and one in the half plane of z and positive x.
     """
     z = on_z - origin
     y = np.cross(z, in_xz - origin)
@@ -81,9 +81,10 @@ def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
 
 
 def unit_normals(corners: FloatArray) -> FloatArray:
-    """Unit normals (n_cells, 3) of triangles and quadrilaterals `corners` (n_cells, 3 or 4, 3), by the order of their corners.
+    """Unit normals (n_cells, 3) of triangles and quadrilaterals `corners` (n_cells, 3 or 4, 3).
 
-    That of a quadrilateral is across both of its diagonals; zero for cells without area.
+    Seen from its tip, corners turn counterclockwise. That of a quadrilateral is across both of its diagonals; zero for
+    cells without area.
     """
     if corners.shape[1] == 3:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

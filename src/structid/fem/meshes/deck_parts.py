@@ -450,7 +450,7 @@ def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | N
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom, and the sparse matrix on them with the sum of `triples` (node, direction, node, direction, value).
+    """Degrees of freedom, and the sparse matrix on them that sums `triples` (node, direction, node, direction, value).
 
     The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted.
     """

@@ -153,14 +153,17 @@ class Mesh:
         return self.carried_by(np.concatenate(nodes))
 
     def carried_by(self, labels: IntArray) -> IntArray:
-        """`labels` (n_labels,) with nodes at the ends of offsets replaced by those that carry them; sorted, each once."""
+        """`labels` (n_labels,) with nodes at the ends of offsets replaced by those that carry them.
+
+        The result is sorted, with each label once.
+        """
         unique: IntArray = np.unique(labels)
         if self.carriers:
             unique = np.unique([self.carriers.get(label, label) for label in unique.tolist()]).astype(np.int64)
         return unique
 
     def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
-        """Labels of the nodes whose coordinates in m lie in `ranges`, such as {"x": (0.0, 0.0)}, in the order of the mesh.
+        """Labels of the nodes with coordinates in m in `ranges`, such as {"x": (0.0, 0.0)}, in the order of the mesh.
 
         Ends count within a millionth of the mesh's size. Nodes at the ends of offsets are left out.
         """
@@ -172,9 +175,10 @@ class Mesh:
         return self.labels[is_inside]
 
     def nearest(self, position: ArrayLike, among: Iterable[int] | None = None) -> tuple[int, float, float]:
-        """Label of the node nearest to `position`, its distance, and the longest side of the cells there (0 if none), in m.
+        """Label of the node nearest to `position`, its distance, m, and the longest side of the cells there, m.
 
-        Nodes at the ends of offsets are left out; in `among` they stand for the nodes that carry them.
+        The side is 0 without cells. Nodes at the ends of offsets are left out; in `among` they stand for the nodes that
+        carry them.
 
         Parameters
         ----------
@@ -207,7 +211,10 @@ class Mesh:
         return longest
 
     def _raise_missing(self, group: str, existing: Iterable[str], word: str) -> None:
-        """Raise `InputError` for a group that is not among `existing`, and name the nearest; `word` is the kind of group."""
+        """Raise `InputError` for a group that is not among `existing`, and name the nearest.
+
+        `word` is the kind of group.
+        """
         names = list(existing)
         close = difflib.get_close_matches(group, names, 1, 0.0)
         have = (

@@ -405,7 +405,10 @@ class _OffsetReader:
 
 
 def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
-    """Row indices of the cards of a quadratic plate whose cells are in `block`: those with mid-side nodes, or those without."""
+    """Row indices of the cards of a quadratic plate whose cells are in `block`.
+
+    A block has the cells with mid-side nodes, or those without.
+    """
     corners = 3 if "triangle" in block.kind else 4
     first = 2 + corners
     middles = np.stack([cards.integers(first + k) for k in range(corners)], axis=1)
@@ -443,9 +446,10 @@ def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]
 
 
 def _unread_property_parts(cards: Mapping[str, Cards]) -> list[DeckPart]:
-    """Parts that count properties with non-structural mass, by card, and beams whose neutral axis is off their shear centre.
+    """Parts with obstacles: properties with non-structural mass, beams with their neutral axis off the shear centre.
 
-    All of them have obstacles; there are none for a count of 0. `cards` are those of the deck by name.
+    They count properties, those with mass by card. All of them have obstacles; there are none for a count of 0. `cards`
+    are those of the deck by name.
     """
     counts: dict[str, int] = {}
     for name, field in _NON_STRUCTURAL.items():
@@ -545,7 +549,10 @@ class _MiddleNodes:
         return completed
 
     def _node(self, start: int, end: int) -> int:
-        """Label of the mid-side node between the corners `start` and `end`, in either order; made when first asked for."""
+        """Label of the mid-side node between the corners `start` and `end`, in either order.
+
+        It is made when first asked for.
+        """
         key = (min(start, end), max(start, end))
         if key not in self._nodes:
             self._nodes[key] = self._next
@@ -565,7 +572,10 @@ class _MiddleNodes:
         return np.concatenate([labels, np.array(list(ends_of), dtype=np.int64)]), np.concatenate([positions, middles])
 
     def parts(self) -> list[DeckPart]:
-        """Ties that keep sides with new nodes straight, as a part that the mesh always needs; empty without new nodes."""
+        """Ties that keep sides with new nodes straight, as a part that the mesh always needs.
+
+        Empty without new nodes.
+        """
         if not self._nodes:
             return []
         ties = tuple(MiddleNode(f"middle {label}", label, ends) for ends, label in self._nodes.items())

@@ -45,7 +45,10 @@ class BulkSystems:
     """
 
     def __init__(self, path: Path, cards: dict[str, Cards]) -> None:
-        """Read the grid points and coordinate system cards of the deck at `path`; systems are resolved when asked for."""
+        """Read the grid points and coordinate system cards of the deck at `path`.
+
+        Systems are resolved when asked for.
+        """
         grids = cards["GRID"]
         self._path = path
         self.labels: IntArray = grids.integers(0)
@@ -72,7 +75,7 @@ class BulkSystems:
         return positions
 
     def system(self, number: int, within: tuple[int, ...] = ()) -> CoordinateSystem:
-        """The coordinate system `number` in basic coordinates and the unit of the file; kept once it is resolved.
+        """Coordinate system `number` in basic coordinates and the unit of the file; resolved once, then remembered.
 
         `within` are the numbers of those being resolved. Raises `FileError` if it is not there, has no axes, or is
         defined by itself.
@@ -135,9 +138,9 @@ class BulkSystems:
 
 
 def _grid_numbers(cards: dict[str, Cards], field: int) -> IntArray:
-    """Whole number in a field of each grid point, (n_grids,), such as its coordinate system; that of GRDSET where it is blank.
+    """Whole number in a field of each grid point, (n_grids,), such as its coordinate system.
 
-    `field` counts from 0, behind the name of the card.
+    A blank field takes that of GRDSET. `field` counts from 0, behind the name of the card.
     """
     numbers = cards["GRID"].integers(field)
     if "GRDSET" in cards:

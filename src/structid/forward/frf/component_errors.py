@@ -67,9 +67,9 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 
 
 def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
-    """Standard deviation of the real part, and of the imaginary part, of the mean of entries (i, j) and (j, i), (n_own,).
+    """Standard deviation (n_own,) of either part of the mean of entries (i, j) and (j, i) of a measured component.
 
-    `n_own` is the number of lines of the component; it must have a variance.
+    Parts are the real and the imaginary one. `n_own` is the number of lines of the component; it must have a variance.
     """
     assert component.variance is not None
     variance = component.variance[:, i, j]
@@ -115,10 +115,10 @@ class ComponentNoise:
 
 
 def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
-    """Covariance (n_params, n_params) of J'e, with e the whitened error of the FRFs that errors of measured components cause.
+    """Covariance (n_params, n_params) of J'e, with e the whitened error of FRFs by errors of measured components.
 
-    `errors` has the standard deviation of each entry of the components' receptances and its effect, `whitening` the weights of
-    the data. J is `jacobian` (n_data, n_params), the whitened data rows, real parts before imaginary parts.
+    `errors` has the standard deviation of each entry of the components' receptances and its effect, `whitening` the
+    weights of the data. J is `jacobian` (n_data, n_params), the whitened data rows, real parts before imaginary parts.
     """
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)

@@ -161,7 +161,7 @@ def require_leaking(record: FrfRecord, segment: float) -> None:
 
 
 def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArray]:
-    """Record at all shifted lines that leakage mixes, and the index in it of each shift of each line, (n_lines, n_shifts).
+    """Record at all shifted lines that leakage mixes, and the index in it of each shift, (n_lines, n_shifts).
 
     The new record is sorted by frequency and has values of 0, without variance.
 

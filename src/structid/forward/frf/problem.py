@@ -515,11 +515,12 @@ def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ..
 
 
 def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) -> FrfSchedule:
-    """Stages of fits at s = omega (a + i), a falling to 0, for poor starts, as (name, problem); empty if lines are too few.
+    """Stages of fits at s = omega (a + i), a falling to 0, for poor starts, as (name, problem).
 
-    With a near 1 an FRF has no resonances between which a fit could be caught; with a of 0 it is the measured one. Each stage
-    fits the logarithm of the FRF. The last one fits the FRF itself with the prior at the start: by the pole-free residual, or
-    by the plain one if `is_noisy`. Also empty for the form ``equation`` and for different decays of the lines.
+    Empty if lines are too few. With a near 1 an FRF has no resonances between which a fit could be caught; with a of 0
+    it is the measured one. Each stage fits the logarithm of the FRF. The last one fits the FRF itself with the prior at
+    the start: by the pole-free residual, or by the plain one if `is_noisy`. Also empty for the form ``equation`` and
+    for different decays of the lines.
 
     Parameters
     ----------
@@ -580,10 +581,11 @@ def frequency_continuation(
     start_error: float = LINES_START_ERROR,
     stage_error: float = LINES_ERROR,
 ) -> FrfSchedule:
-    """Stages with more and more lines from the lowest on; the last has all lines, without prior, by the bounded residual.
+    """Stages, for poor starts, with more and more lines from the lowest on, as (name, problem).
 
-    Below the first resonance an FRF changes smoothly with every parameter, and each added line leads to the next resonance. A
-    Gaussian prior determines what few lines leave open. Empty for the form ``equation`` or if a value is 0.
+    The last stage has all lines, without prior, by the bounded residual. Below the first resonance an FRF changes
+    smoothly with every parameter, and each added line leads to the next resonance. A Gaussian prior determines what few
+    lines leave open. Empty for the form ``equation`` or if a value is 0.
 
     Parameters
     ----------

@@ -114,9 +114,10 @@ class Response:
         return self.slopes.products(physical, -self._coefficients(physical), x, y)
 
     def sensor_gram(self, physical: FloatArray) -> ComplexArray:
-        """Product Y' conj(Y), (n_frequencies, n_outputs, n_outputs), with Y = Z^-1 S the motion under forces at the sensors.
+        """Product Y' conj(Y), (n_frequencies, n_outputs, n_outputs), of motions under forces at the sensors.
 
-        `physical` (n_params,) are the parameters.
+        Y = Z^-1 S is that motion, with Z the dynamic stiffness and S the columns of the sensors. `physical` (n_params,)
+        are the parameters.
         """
         n_outputs = self.channels.n_outputs
         gram = np.empty((len(self.frequency), n_outputs, n_outputs), dtype=np.complex128)

@@ -25,10 +25,10 @@ from structid.unknowns import Parameters
 def matrix_coefficients(
     matrix_kinds: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]
 ) -> ComplexArray:
-    """Coefficient of each matrix in the dynamic stiffness Z, (n_frequencies, n_matrices), in the order of `matrix_kinds`.
+    """Coefficient of each of `matrix_kinds` in the dynamic stiffness, (n_frequencies, n_matrices), in their order.
 
-    It is s^2 for mass, s for damping, 1 for stiffness, i for structural damping and i / amplitude for friction, whose `sliding`
-    amplitude is (n_frequencies,) by element name; 0 without one. `laplace` (n_frequencies,) is s in 1/s.
+    It is s^2 for mass, s for damping, 1 for stiffness, i for structural damping and i / amplitude for friction, whose
+    `sliding` amplitude is (n_frequencies,) by element name; 0 without one. `laplace` (n_frequencies,) is s in 1/s.
     """
     table: dict[str, ComplexArray] = {
         "mass": laplace**2,

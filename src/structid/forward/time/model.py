@@ -425,11 +425,11 @@ class InputHold:
 
     @cached_property
     def generator(self) -> FloatArray:
-        """System matrix (n_states, n_states) of the differential equation whose state gives the inputs between samples, 1/s.
+        """System matrix (n_states, n_states), 1/s, of the equation whose state gives the inputs between samples.
 
-        The state is all forces, then their changes over a step (first-order hold) or their quadratures (oscillation). Under
-        driven supports it is accelerations, their changes over a step, velocities over a step and displacements over its
-        square.
+        The state is all forces, then their changes over a step (first-order hold) or their quadratures (oscillation).
+        Under driven supports it is accelerations, their changes over a step, velocities over a step and displacements
+        over its square.
         """
         eye = np.eye(self.n_loads)
         if self.moves_supports:

@@ -311,7 +311,7 @@ class OutputErrorProblem(RecordProblem):
         return replace(self, measured=self.measured[:n_times], force=self.force[:n_times])
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """Whitened errors of readings and of noisy forces, then prior rows, at the free variables `theta` (n_params,)."""
+        """Whitened errors of readings and of noisy forces, then prior rows, at the free variables `theta`."""
         if self.channels is not None:
             scaled, values = self._without_gains(theta)
             return residual_with_priors(self.unknowns, theta, scaled._errors(values))

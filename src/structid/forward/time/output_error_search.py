@@ -200,7 +200,10 @@ def _follow_stages(
 
 
 def _misfit(problem: OutputErrorProblem, linearization: Linearization | OperatorLinearization) -> tuple[float, float]:
-    """Chi-square per degree of freedom, and the probability of a larger chi-square; 1 for both without degrees of freedom."""
+    """Chi-square per degree of freedom, and the probability of a larger chi-square.
+
+    Both are 1 without degrees of freedom.
+    """
     data = linearization.residual[: problem.n_data]
     freedom, chi_square = problem.n_data - linearization.n_params - linearization.n_eliminated, float(data @ data)
     if freedom <= 0:

@@ -363,7 +363,7 @@ class SpectraModel:
         return x, y, h
 
     def _split_parameters(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-        """Parameters of the structure alone, factors of sensors and factors of load cells, from all `physical` parameters.
+        """Parameters of the structure, factors of sensors and factors of load cells, from all `physical` parameters.
 
         Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs). `physical` is (n_own + n_errors,).
         """

@@ -97,10 +97,10 @@ class SubstructureCoupling:
             )
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
+        """Readings of sensors and contacts under the load columns at `columns`, (n_lines, n_sensors, n_columns).
 
-        `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z. Small models
-        solve for all columns, as derivatives do, so that both share cached fields.
+        `columns` are indices. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of
+        the matrices in Z. Small models solve for all columns, as derivatives do, so that both share cached fields.
         """
         if not self.is_large:
             every = self.fields(physical, coefficients)

@@ -302,10 +302,11 @@ class SparseSolver:
         return LastSweep()
 
     def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
-        """Reduced sweep with the fields of all columns at all lines from few factorizations; None if each line must be solved.
+        """Reduced sweep with the fields of all columns at all lines from few factorizations.
 
-        None without `reduced`, with friction contacts, or if the error cannot be met cheaply. `physical` (n_params,) are the
-        parameters, `coefficients` (n_lines, n_matrices) those of the matrices in Z.
+        None if each line must be solved: None without `reduced`, with friction contacts, or if the error cannot be met
+        cheaply. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices
+        in Z.
         """
         if self.reduced is None or self.channels.n_contacts:
             return None
