@@ -114,10 +114,10 @@ def mistaken_unit(size: float, units: Sequence[tuple[float, str, str]], near: fl
     they differ by at most `near`. Values in the first unit were read as the second for a positive `size`, and the other
     way round else.
     """
-    distance, (_, smaller, larger) = min((abs(abs(size) - math.log(unit[0])), unit) for unit in units)
+    distance, (_, first, second) = min((abs(abs(size) - math.log(unit[0])), unit) for unit in units)
     if distance > near:
         return ""
-    return f"in {smaller} and read as {larger}" if size > 0 else f"in {larger} and read as {smaller}"
+    return f"in {first} and read as {second}" if size > 0 else f"in {second} and read as {first}"
 
 
 class Unit(NamedTuple):

@@ -199,18 +199,22 @@ def reductions(
                 )
             owners[name] = component
     codes = {
-        name: joined_codes([matrix_term.codes for term in own_codes for matrix_term in term.matrix_terms])
-        for name, own_codes in properties_of_set.items()
+        name: joined_codes([matrix_term.codes for term in terms for matrix_term in term.matrix_terms])
+        for name, terms in properties_of_set.items()
     }
     tied = joined_codes([kept, _codes_in_ties(equations, joined_codes([*codes.values(), kept]))])
     reduced = []
-    for one in components:
-        own_codes = joined_codes([codes[name] for name in one.elements])
-        others = [codes[name] for name in properties_of_set if name not in one.elements]
-        joined = joined_codes([tied, _interface_codes(one, own_codes, equations), *others])
+    for component in components:
+        own_codes = joined_codes([codes[name] for name in component.elements])
+        others = [codes[name] for name in properties_of_set if name not in component.elements]
+        joined = joined_codes([tied, _interface_codes(component, own_codes, equations), *others])
         reduced.append(
             _reduce_component(
-                one, {name: properties_of_set[name] for name in one.elements}, own_codes, joined, constrained
+                component,
+                {name: properties_of_set[name] for name in component.elements},
+                own_codes,
+                joined,
+                constrained,
             )
         )
     return tuple(reduced)

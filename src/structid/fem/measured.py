@@ -171,10 +171,11 @@ class MeasuredComponent:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences of warning that hold at all lines: errors unknown, sense of channels, lack of reciprocity.
+        """Sentences of warning that hold at all lines: unknown errors, sense of channels, lack of reciprocity.
 
-        The first, that masses are told without the component, is always there; the sense of a channel is doubted where
-        more than half of the lines give power, reciprocity where Y and its transpose differ by more than 5 % in norm.
+        The first is always there: stated masses exclude the component, and its errors do not count if it has no
+        variance. The sense of a channel is doubted where more than half of the lines give power, reciprocity where Y
+        and its transpose differ by more than 5 % in norm.
         """
         unknown = ", and errors of its FRFs are not in the intervals; state their noise, or what they may come to as `model_error`"
         words = [f"{self.words}: masses told are without it{unknown if self.variance is None else ''}"]

@@ -219,7 +219,7 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
     return tuple(direction for direction in DIRECTIONS if direction in directions)
 
 
-def together(values: FloatArray) -> FloatArray | None:
+def joint_weights(values: FloatArray) -> FloatArray | None:
     """Weights W that combine series into the fewest joint ones without loss; None if all series are needed.
 
     Directions in which the series, scaled to unit RMS, have no more than `_SAME` of the largest mean square are left

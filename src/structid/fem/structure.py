@@ -191,10 +191,10 @@ class Structure(Shown, StructurePlots):
     @property
     def sets(self) -> tuple[ElementSet, ...]:
         """Element sets, with components in place of those that are in them: the owners of all properties."""
-        within = {name for one in self.components for name in one.elements}
+        within = {name for component in self.components for name in component.elements}
         return (
             *(element for element in self.elements if element.name not in within),
-            *(one.group for one in self.reductions),
+            *(reduction.group for reduction in self.reductions),
         )
 
     @property
@@ -238,12 +238,12 @@ class Structure(Shown, StructurePlots):
         damping ratio of all modes.
         """
         items, start = [], 0
-        terms_of = {**self._numbered.terms, **{one.component.name: one.terms for one in self.reductions}}
-        for name in (one.name for one in self.sets):
+        terms_of = {**self._numbered.terms, **{item.component.name: item.terms for item in self.reductions}}
+        for name in (element.name for element in self.sets):
             for term in terms_of[name]:
                 items.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
-        single = [(one.name, one.term) for one in self._node_positions]
+        single = [(node_position.name, node_position.term) for node_position in self._node_positions]
         single += [
             (e.name, PropertyMatrices(LENGTH, "length", "1", np.ones(1)))
             for e in self.elements

@@ -79,8 +79,8 @@ class ParameterForces:
             if factor == 0:
                 continue
             forces = matrix @ flat
-            own = forces.view(np.complex128) if is_complex else forces
-            total = total + (factor if factor.imag else factor.real) * own
+            forces_of_map = forces.view(np.complex128) if is_complex else forces
+            total = total + (factor if factor.imag else factor.real) * forces_of_map
         return total
 
     def columns(self, entries: NumberArray) -> NumberArray:
@@ -116,15 +116,15 @@ class ParameterForces:
         x, y : (n_lines, n_vectors, n_x) and (n_lines, n_vectors, n_y) complex arrays
             Coordinates of the fields in the basis.
         """
-        found = np.zeros((len(x), y.shape[2], x.shape[2], self.n_params), dtype=np.complex128)
+        products = np.zeros((len(x), y.shape[2], x.shape[2], self.n_params), dtype=np.complex128)
         adjoint = np.swapaxes(y, 1, 2)
         for p, (first, last) in enumerate(pairwise(self.indptr)):
-            own = vectors[self.indices[first:last]].T
+            basis_rows = vectors[self.indices[first:last]].T
             for factor, matrix in zip(factors.T, self.maps, strict=True):
                 if factor.any():
-                    small = own @ (matrix[first:last] @ vectors)
-                    found[..., p] += factor[:, None, None] * (adjoint @ (small @ x))
-        return found
+                    small = basis_rows @ (matrix[first:last] @ vectors)
+                    products[..., p] += factor[:, None, None] * (adjoint @ (small @ x))
+        return products
 
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:
@@ -139,9 +139,9 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
     shape = (len(pattern), n_dofs)
     maps = []
     for kind in range(1 + max((part.kind for part in parts), default=-1)):
-        own = [piece for part in parts if part.kind == kind for piece in _force_maps(part, pattern, n_dofs)]
-        if own:
-            row, column, value = (np.concatenate([piece[i] for piece in own]) for i in range(3))
+        pieces = [piece for part in parts if part.kind == kind for piece in _force_maps(part, pattern, n_dofs)]
+        if pieces:
+            row, column, value = (np.concatenate([piece[i] for piece in pieces]) for i in range(3))
             maps.append(sparse.coo_array((value, (row, column)), shape).tocsr())
         else:
             maps.append(sparse.csr_array(shape))
@@ -242,18 +242,18 @@ class DenseForces:
         x, y : (n_lines, n_dofs, n_x) and (n_lines, n_dofs, n_y) complex arrays
         """
         n_lines, n_dofs, n_x = x.shape
-        found = np.empty((n_lines, y.shape[2], n_x, self.n_params), dtype=np.complex128)
+        products = np.empty((n_lines, y.shape[2], n_x, self.n_params), dtype=np.complex128)
         step = max(1, _NEAR_ENTRIES // max(1, n_dofs * self.n_params))
         wide = np.zeros((min(step, n_lines), n_dofs * self.n_params), dtype=np.complex128)
-        place = self.dofs * self.n_params + self.parameters
+        flat_index = self.dofs * self.n_params + self.parameters
         for first in range(0, n_lines, step):
             part = slice(first, min(first + step, n_lines))
             forces = self._forces(coefficients[part], x[part])
-            adjoint, held = np.swapaxes(y[part], 1, 2), wide[: forces.shape[1]]
+            adjoint, scattered = np.swapaxes(y[part], 1, 2), wide[: forces.shape[1]]
             for column in range(n_x):
-                held[:, place] = forces[:, :, column].T
-                found[part, :, column] = adjoint @ held.reshape(-1, n_dofs, self.n_params)
-        return found
+                scattered[:, flat_index] = forces[:, :, column].T
+                products[part, :, column] = adjoint @ scattered.reshape(-1, n_dofs, self.n_params)
+        return products
 
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
         """Nonzero entries of the forces (dZ/dp) x for fields `x` (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x).
@@ -265,9 +265,9 @@ class DenseForces:
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
         for matrix_kind, chosen, matrix in self.maps:
-            own = (matrix @ flat).view(np.complex128).reshape(-1, n_lines, n_x)
-            own *= coefficients[:, matrix_kind, None]
-            total[chosen] += own
+            forces = (matrix @ flat).view(np.complex128).reshape(-1, n_lines, n_x)
+            forces *= coefficients[:, matrix_kind, None]
+            total[chosen] += forces
         return total
 
 
@@ -334,19 +334,22 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
     slopes: list[IntArray] = []
     n_slopes, first = 0, 0
     for member, item in enumerate(members):
-        own, used = slice(first, first + item.blocks.n_elements), []
-        for k, place in enumerate(item.value_indices):
-            if not changes[place].any():
+        weights_of_item, used = slice(first, first + item.blocks.n_elements), []
+        for k, index in enumerate(item.value_indices):
+            if not changes[index].any():
                 continue
             while len(values) <= k:
                 values.append(np.full(n_weights, -1))
                 slopes.append(np.full(n_weights, -1))
-            values[k][own], slopes[k][own] = numbers[place], n_slopes + np.arange(item.blocks.n_elements)
+            values[k][weights_of_item], slopes[k][weights_of_item] = (
+                numbers[index],
+                n_slopes + np.arange(item.blocks.n_elements),
+            )
             n_slopes += item.blocks.n_elements
             used.append(k)
         if used:
             slots.append((member, tuple(used)))
-        first = own.stop
+        first = weights_of_item.stop
     none: IntArray = np.zeros(0, dtype=np.int64)
     pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
     row, column, weight, value = _weighed_entries(members, matrix_kinds, n_dofs)
@@ -355,16 +358,17 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
         entries = row[known], column[known], weight[known], value[known]
         own_rows = table[np.maximum(of_value, 0)]
         pieces += [
-            (key, at, of_slope[which], own) for key, at, which, own in _derivative_entries(entries, own_rows, n_dofs)
+            (key, at, of_slope[which], product)
+            for key, at, which, product in _derivative_entries(entries, own_rows, n_dofs)
         ]
     key, at, slope, change = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     pattern, maps, operators = np.unique(key), [], []
     for matrix_index in np.unique(at // n_dofs).tolist():
-        mine = at // n_dofs == matrix_index
-        rows, place_of = np.unique(key[mine], return_inverse=True)
+        of_matrix = at // n_dofs == matrix_index
+        rows, place_of = np.unique(key[of_matrix], return_inverse=True)
         shape = (len(rows) * n_dofs, n_slopes)
-        entry = place_of * n_dofs + at[mine] % n_dofs
-        operators.append(sparse.coo_array((change[mine], (entry, slope[mine])), shape).tocsr())
+        entry = place_of * n_dofs + at[of_matrix] % n_dofs
+        operators.append(sparse.coo_array((change[of_matrix], (entry, slope[of_matrix])), shape).tocsr())
         maps.append((matrix_index, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
     forces = DenseForces(pattern % n_dofs, pattern // n_dofs, tuple(maps), table.shape[1])
     return DenseSlopes(structure, tuple(slots), forces, tuple(operators))
@@ -380,13 +384,13 @@ def _weighed_entries(
     """
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
-    found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
+    pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
     first = 0
     for item in members:
         row, column, element, value = known[id(item.blocks)]
-        found.append((row, matrix_kinds.index(item.matrix_kind) * n_dofs + column, first + element, value))
+        pieces.append((row, matrix_kinds.index(item.matrix_kind) * n_dofs + column, first + element, value))
         first += item.blocks.n_elements
-    row, column, weight, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    row, column, weight, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     return row, column, weight, value
 
 
@@ -402,13 +406,13 @@ def _derivative_entries(
     row, column, element, value = entries
     counts = np.diff(design.indptr)
     for k in range(int(counts.max(initial=0))):
-        own = counts[element] > k
-        at = design.indptr[element[own]] + k
+        has_parameter = counts[element] > k
+        at = design.indptr[element[has_parameter]] + k
         yield (
-            design.indices[at].astype(np.int64) * n_dofs + row[own],
-            column[own],
-            element[own],
-            design.data[at] * value[own],
+            design.indices[at].astype(np.int64) * n_dofs + row[has_parameter],
+            column[has_parameter],
+            element[has_parameter],
+            design.data[at] * value[has_parameter],
         )
 
 
@@ -422,18 +426,18 @@ def element_products(blocks: ElementMatrices, y: NumberArray, x: NumberArray) ->
     if not isinstance(blocks, Blocks):
         rows, columns, element, value = blocks.entries()
         order = np.argsort(element, kind="stable")
-        found = np.zeros(blocks.n_elements)
+        totals = np.zeros(blocks.n_elements)
         step = max(1, _CHUNK_ENTRIES // left.shape[1])
         for first in range(0, len(order), step):
             part = order[first : first + step]
             forms = np.einsum("ij,ij->i", left[rows[part]], right[columns[part]]) * value[part]
-            found += np.bincount(element[part], forms, minlength=len(found))
-        return found
+            totals += np.bincount(element[part], forms, minlength=len(totals))
+        return totals
     left, right = (np.concatenate([a, np.zeros((1, a.shape[1]))]) for a in (left, right))  # row -1: held at 0
-    found = np.empty(blocks.n_elements)
+    totals = np.empty(blocks.n_elements)
     step = max(1, _CHUNK_ENTRIES // (left.shape[1] * blocks.dofs.shape[1]))
     for first in range(0, blocks.n_elements, step):
         chosen = slice(first, first + step)
         products = blocks.local[chosen] @ right[blocks.dofs[chosen]]
-        found[chosen] = np.einsum("eij,eij->e", left[blocks.dofs[chosen]], products)
-    return found
+        totals[chosen] = np.einsum("eij,eij->e", left[blocks.dofs[chosen]], products)
+    return totals

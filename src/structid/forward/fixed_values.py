@@ -50,13 +50,13 @@ def with_fixed_values(
 
 def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
     """Tolerance of each fixed value among the unknowns of the problems `freed`, by the name of the unknown."""
-    held = [
+    priors = [
         (part.names, part.free_prior[1].tolist())
         for problem in freed
         for part in problem.parts
         if part.free_prior is not None
     ]
-    pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
+    pairs = [pair for names, deviations in priors for pair in zip(names, deviations, strict=True)]
     return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
 
 

@@ -87,8 +87,8 @@ def bulk_text(path: Path) -> BulkText:
     Raises
     ------
     FileError
-        If case control is not followed by bulk data, there are superelements of their own, or an included file cannot
-        be read.
+        If case control is not followed by bulk data, superelements have sections of bulk data of their own, or an
+        included file cannot be read.
     """
     lines = _Lines([], [], [], [])
     _take_lines(lines, path, path.parent, 0)

@@ -70,21 +70,21 @@ def identified_by_output_error(
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
-    ways: list[_PathEnd] = []
+    path_ends: list[_PathEnd] = []
     iterations = 0
-    for way, spent in _search_starts(
-        _rounds(problem, record, options, sizes, ways, work, progress), (problem, sizes, options), work, progress
+    for path_end, spent in _search_starts(
+        _rounds(problem, record, options, sizes, path_ends, work, progress), (problem, sizes, options), work, progress
     ):
         iterations += spent
-        ways.append(way)
-        if way[0] == len(sizes):
+        path_ends.append(path_end)
+        if path_end[0] == len(sizes):
             break
-    reached, _, theta = _furthest(ways)
+    reached, _, theta = _furthest(path_ends)
     if reached < len(sizes):
         tools = TaskContext(work.minimize, progress)
         _, _, theta, spent = _follow_stages(problem, sizes[reached:], theta, options, False, tools)
         iterations += spent
-    elif options.restarts and len(ways) > 1:
+    elif options.restarts and len(path_ends) > 1:
         theta, spent = _confirmed(problem, options, sizes, theta, work, progress)
         iterations += spent
     final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
@@ -100,7 +100,7 @@ def identified_by_output_error(
         fixed=FixedValues(freed, tolerances) if tolerances else None,
     )
     bound = bound_at(problem, unknown.theta_start, "the initial values").std
-    search = replace(fitted.search, n_iterations=fitted.search.n_iterations + iterations, n_starts=len(ways))
+    search = replace(fitted.search, n_iterations=fitted.search.n_iterations + iterations, n_starts=len(path_ends))
     spread = replace(fitted.spread, bound_initial=bound)
     return replace(fitted.with_initial(locked(unknown.start)), spread=spread, search=search)
 
@@ -211,8 +211,8 @@ def _misfit(problem: OutputErrorProblem, linearization: Linearization | Operator
     return chi_square / freedom, float(special.gammaincc(freedom / 2, chi_square / 2))
 
 
-def _furthest(ways: list[_PathEnd]) -> _PathEnd:
-    return max(ways, key=lambda way: way[:2])
+def _furthest(path_ends: list[_PathEnd]) -> _PathEnd:
+    return max(path_ends, key=lambda path_end: path_end[:2])
 
 
 def _rounds(
@@ -220,7 +220,7 @@ def _rounds(
     record: TimeRecord,
     options: TimeOptions,
     sizes: list[int],
-    ways: list[_PathEnd],
+    path_ends: list[_PathEnd],
     work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
@@ -228,7 +228,7 @@ def _rounds(
 
     First linear fits, the initial values and the weak form (with driven supports the initial values alone); then two
     random points at a time, about 5 % from where the best search ended and about 20 % from one of the first starts.
-    After the first pair come starts by posterior linearization. `ways` holds the results of all searches so far,
+    After the first pair come starts by posterior linearization. `path_ends` holds the results of all searches so far,
     `sizes` the numbers of samples of the stages.
     """
     structure, unknown = problem.structure, problem.parameters
@@ -239,21 +239,21 @@ def _rounds(
         sound += made
         yield [_Start(theta) for theta in made]
     for attempt in range(0, options.restarts, 2):
-        centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
+        centres = [(_NEAR, _furthest(path_ends)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
         points: list[_Start] = []
         for distance, theta in centres[: options.restarts - attempt]:
             size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
             points.append(_Start(theta + distance * size * rng.standard_normal(len(theta))))
         yield points
         if attempt == 0:
-            yield from _far_rounds(problem, options, sizes, ways, work, progress)
+            yield from _far_rounds(problem, options, sizes, path_ends, work, progress)
 
 
 def _far_rounds(
     problem: OutputErrorProblem,
     options: TimeOptions,
     sizes: list[int],
-    ways: list[_PathEnd],
+    path_ends: list[_PathEnd],
     work: TaskExecutor,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
@@ -261,19 +261,19 @@ def _far_rounds(
 
     The best minimum serves twice in a row. From the initial values it may miss high modes by some periods, which it
     finds from the best minimum. Each point is searched from the stage whose samples were linearized, and from the
-    first. There are at most six; none follow if two lead back to the same minimum, to 1 % of its misfit. `ways` holds
-    the results of all searches so far, `sizes` the numbers of samples of the stages.
+    first. There are at most six; none follow if two lead back to the same minimum, to 1 % of its misfit. `path_ends`
+    holds the results of all searches so far, `sizes` the numbers of samples of the stages.
     """
     first = _first_far(problem, sizes)
     short, agreed = problem.first(sizes[first]), 0
     for count in range(_MOST_FAR):
-        misfit, best = _best(short, ways)
+        misfit, best = _best(short, path_ends)
         centre = (short.theta_start, _SPREAD) if count % 3 == 0 else (best, _NEAR_SPREAD)
         task = (*centre, options.seed + count)
         [start] = work.map("far starts", _far_start, short, [task], progress, first=count)
-        before = len(ways)
+        before = len(path_ends)
         yield [_Start(np.asarray(start["theta"]), begin) for begin in dict.fromkeys((first, 0))]
-        agreed += abs(_best(short, ways[before:])[0] - misfit) < _SAME * misfit
+        agreed += abs(_best(short, path_ends[before:])[0] - misfit) < _SAME * misfit
         if agreed == _AGREE:
             return
 
@@ -295,20 +295,20 @@ def _confirmed(
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
     [start] = work.map("confirming starts", _far_start, short, [task], progress)
     starts = [_Start(np.asarray(start["theta"]), first)]
-    [way] = work.map("confirming ways", _search_from_start, (problem, sizes, options), starts, progress)
-    beside = np.asarray(way["theta"])
-    is_better = int(way["reached"]) == len(sizes) and cost_at(problem, beside) < cost_at(problem, theta) - _BETTER
-    return beside if is_better else theta, int(way["spent"])
+    [outcome] = work.map("confirming ways", _search_from_start, (problem, sizes, options), starts, progress)
+    beside = np.asarray(outcome["theta"])
+    is_better = int(outcome["reached"]) == len(sizes) and cost_at(problem, beside) < cost_at(problem, theta) - _BETTER
+    return beside if is_better else theta, int(outcome["spent"])
 
 
 def _first_far(problem: OutputErrorProblem, sizes: list[int]) -> int:
-    """The stage at whose samples posterior linearization looks."""
+    """Index of the first stage with enough samples for posterior linearization; `sizes` are the numbers of samples."""
     return next(number for number, size in enumerate(sizes) if size >= _samples(problem, _SPREAD_ROWS))
 
 
-def _best(short: OutputErrorProblem, ways: Sequence[_PathEnd]) -> tuple[float, FloatArray]:
-    """Least sum of squares of the samples of `short` where a way ended, and free variables there."""
-    return min(((cost_at(short, theta), theta) for _, _, theta in ways), key=lambda end: end[0])
+def _best(short: OutputErrorProblem, path_ends: Sequence[_PathEnd]) -> tuple[float, FloatArray]:
+    """Least sum of squares of the samples of `short` among the ends of searches, and the free variables there."""
+    return min(((cost_at(short, theta), theta) for _, _, theta in path_ends), key=lambda end: end[0])
 
 
 def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: TaskContext) -> dict[str, Any]:

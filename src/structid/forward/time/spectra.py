@@ -155,24 +155,24 @@ class MassLine:
     columns: sparse.csc_array
     spectra: FiniteSpectra
 
-    def values(self, own: FloatArray) -> FloatArray:
-        """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at parameters `own` (n_params,).
+    def values(self, of_structure: FloatArray) -> FloatArray:
+        """Acceleration per unit force far above all modes, (n_outputs, n_inputs), at given parameters.
 
-        For a driven support it is per unit acceleration of the support. `own` are the parameters of the structure
-        without channel errors.
+        For a driven support it is per unit acceleration of the support. `of_structure` (n_params,) are the
+        parameters of the structure, without channel errors.
         """
-        x, _ = self._fields(own)
+        x, _ = self._fields(of_structure)
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
         sensors = self.columns[:, n_in : n_in + n_out]
         return np.real(self._powers * (sensors.T @ x[0]))
 
-    def change(self, own: FloatArray) -> FloatArray:
-        """Derivative of `values` by the parameters `own` of the structure, (n_outputs, n_inputs, n_own_params)."""
-        x, y = self._fields(own)
-        return np.real(self._powers[:, None] * self.response.sensitivity_at(own, x, y)[0])
+    def change(self, of_structure: FloatArray) -> FloatArray:
+        """Derivative of `values` by the parameters `of_structure`, (n_outputs, n_inputs, n_params)."""
+        x, y = self._fields(of_structure)
+        return np.real(self._powers[:, None] * self.response.sensitivity_at(of_structure, x, y)[0])
 
-    def _fields(self, own: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        n_in, fields = len(self.spectra.inputs), self.response.fields_at(own, self.columns)
+    def _fields(self, of_structure: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        n_in, fields = len(self.spectra.inputs), self.response.fields_at(of_structure, self.columns)
         return fields[:, :, :n_in], fields[:, :, n_in:]
 
     @cached_property
@@ -344,22 +344,22 @@ class SpectraModel:
         return LastEvaluation()
 
     def _state(
-        self, own: FloatArray, read: ComplexArray, stated: ComplexArray
+        self, of_structure: FloatArray, read: ComplexArray, stated: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Motions under loads and transient forces, motions under unit forces at sensors, and FRFs with channel errors.
 
         Shapes (n_frequencies, n_dofs, n_inputs + n_forces), (n_frequencies, n_dofs, n_outputs) and (n_frequencies,
-        n_outputs, n_inputs). `own` are the parameters of the structure; `read` (n_frequencies, n_outputs) and `stated`
-        (n_frequencies, n_inputs) are the factors of sensors and of load cells.
+        n_outputs, n_inputs). `of_structure` are the parameters of the structure; `read` (n_frequencies, n_outputs) and
+        `stated` (n_frequencies, n_inputs) are the factors of sensors and of load cells.
         """
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
-        fields = self.response.fields_at(own, self.columns)
+        fields = self.response.fields_at(of_structure, self.columns)
         y = fields[:, :, n_in : n_in + n_out]
         x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
         h = readings_of(sparse.csr_array(self.columns[:, n_in : n_in + n_out].T), x[:, :, :n_in])
         h = h * read[:, :, None] * (self.spectra.hold_factor[:, None] / stated)[:, None, :]
         if self.spectra.straight:
-            h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(own)
+            h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(of_structure)
         return x, y, h
 
     def _split_parameters(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
@@ -712,16 +712,16 @@ def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Schedule
     near = problem.with_parts([part.kept_near_start(_START_ERROR) for part in problem.parts])
     near = replace(near, transient=True)  # of a periodic record too, once it fades
     band = (problem.spectra.frequency[0], problem.spectra.frequency[-1])
-    ways = []
+    sequences = []
     for decays, order in _WAYS:
-        way = []
+        stages = []
         for decay in decays:
             outputs, straight = dict.fromkeys(problem.spectra.outputs), bool(problem.spectra.straight)
             faded = finite_spectra(record, problem.spectra.inputs, outputs, band, decay * top, straight)
             loose = faded.motion_variance + (_STAGE_ERROR * np.abs(faded.motion)) ** 2
             spectra = replace(faded, motion_variance=loose)
-            way.append(
+            stages.append(
                 (f"decay of {decay * top:.3g}/s", replace(near, spectra=spectra, order=min(order, problem.order)))
             )
-        ways.append(tuple(way))
-    return tuple(ways)
+        sequences.append(tuple(stages))
+    return tuple(sequences)

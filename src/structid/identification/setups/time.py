@@ -19,7 +19,7 @@ from structid.core.display import plural
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.measuring_points import together, with_joint_forces
+from structid.fem.measuring_points import joint_weights, with_joint_forces
 from structid.forward import (
     ChannelUnknown,
     FrfProblem,
@@ -398,8 +398,8 @@ class AveragedHistories:
 
     @cached_property
     def _parts(self) -> FloatArray | None:
-        """Combination of forces that always act together; see `together`."""
-        return together(self.record.values[:, self._is_force])
+        """Combination of forces that always act together; see `joint_weights`."""
+        return joint_weights(self.record.values[:, self._is_force])
 
     @property
     def _is_force(self) -> np.ndarray:

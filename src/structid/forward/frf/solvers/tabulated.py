@@ -84,10 +84,10 @@ class TabulatedFrf:
         They are interpolated in the table of the solver, in the order of the record. `physical` (n_params,) are the
         parameters.
         """
-        lines, (outputs, senses), (inputs, ways) = self._places
+        lines, (outputs, senses), (inputs, input_senses) = self._places
         values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
         chosen = np.ix_(lines, outputs, inputs)
-        sign = senses[:, None] * ways
+        sign = senses[:, None] * input_senses
         inner = np.asarray(self.parameters.design[self._rows, :].toarray())
         return values[chosen] * sign, (change[chosen] @ inner) * sign[..., None]
 
