@@ -401,13 +401,13 @@ def _rigid_motion_mass(matrix_term: ElementMatrixTerm, axis: int) -> FloatArray:
 
 
 def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n_dofs: int) -> sparse.csr_array | None:
-    """The matrix B with K = B'B, sparse (n_strains, n_dofs), without rows that are zero.
+    """Strain matrix B with K = B'B, the stiffness, sparse (n_strains, n_dofs), without rows that are zero.
 
     None if an element matrix has a negative eigenvalue beyond rounding, or is a whole matrix of a group.
 
-    An element matrix is a sum of squares of a few strains. The matrix that is assembled from them has rounding errors of
-    eps |K|, in parts of a low eigenvalue eps times the condition number of K; B has eps |B|, the square root of that. The
-    motions that strain nothing are exact in B.
+    An element matrix is a sum of squares of a few strains. The matrix that is assembled from them has rounding errors
+    of eps |K|, in parts of a low eigenvalue eps times the condition number of K; B has eps |B|, the square root of
+    that. The motions that strain nothing are exact in B.
 
     Parameters
     ----------
@@ -420,8 +420,8 @@ def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n
 
     References
     ----------
-    Argyris and Bronlund (1975), The natural factor formulation of the stiffness for the matrix displacement method, Comput.
-    Methods Appl. Mech. Eng. 5, 97-119 (the same for static solutions).
+    Argyris and Bronlund (1975), The natural factor formulation of the stiffness for the matrix displacement
+    method, Comput. Methods Appl. Mech. Eng. 5, 97-119 (the same for static solutions).
     """
     summed: dict[tuple[tuple[int, ...], bytes], tuple[IntArray, FloatArray]] = {}
     for part in contributions:

@@ -222,7 +222,7 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
 def joint_weights(values: FloatArray) -> FloatArray | None:
     """Weights W that combine series into the fewest joint ones without loss; None if all series are needed.
 
-    Directions in which the series, scaled to unit RMS, have no more than `_SAME` of the largest mean square are left
+    Directions in which the series, scaled to unit RMS, have no more than 1e-8 of the largest mean square are left
     out.
 
     Parameters

@@ -219,7 +219,7 @@ def split_by_length_power(
 def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[ElementMatrixTerm]:
     """The parts of a matrix term by powers of the length, one matrix term each; parts that are zero are left out.
 
-    `local` (n_scales, n_elements, n, n) are its matrices at lengths scaled by 2^k for each k in `_POWERS`.
+    `local` (n_scales, n_elements, n, n) are its matrices at lengths scaled by 2^k for each k from -3 to 3.
     """
     parts = np.einsum("pk,kenm->penm", _WEIGHTS, local)
     least = _ROUNDING * np.abs(matrix_term.local).max(axis=(1, 2), keepdims=True)

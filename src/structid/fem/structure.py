@@ -624,7 +624,7 @@ def _require_interfaces(structure: Structure) -> None:
 
 
 def _require_subdivision(structure: Structure) -> None:
-    """Raise `InputError` unless `subdivide` is a whole number from 1 to `MOST_PIECES` and lines can be cut.
+    """Raise `InputError` unless `subdivide` is a whole number from 1 to 100 and lines can be cut.
 
     For 1 no line is needed; above, bars alone that nothing holds sideways are refused too.
     """

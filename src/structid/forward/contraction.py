@@ -153,7 +153,7 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 def _weight_derivatives(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Yield element index, parameter index and derivative, (n_pairs,) each, of weights that depend on parameters.
 
-    They come in chunks of at most `_CHUNK_ENTRIES` entries of element matrices, at least one pair.
+    They come in chunks of at most 4 million entries of element matrices, at least one pair.
     """
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1

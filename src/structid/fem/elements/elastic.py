@@ -174,7 +174,7 @@ def elastic_stiffness(
     positions : (n_cells, n_nodes, n_dimensions) float array
         m.
     cell : str
-        Cell type, one of `CELLS`.
+        Cell type, such as ``quad`` or ``hexahedron20``.
     elasticity : (n_strains, n_strains) float array
         Stress from strain.
     formulation : {"incompatible", "full", "mean_dilatation"}

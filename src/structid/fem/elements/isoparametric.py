@@ -234,7 +234,7 @@ def gradients(
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
     """Raise `InputError` if a cell has no volume (area), is turned inside out (negative mean) or folded.
 
-    Thresholds are `_FLAT` of the cell's span to the power d, and of its mean determinant. `nodes` (n_cells, n_nodes)
+    Thresholds are 1e-9 of the cell's span to the power d, and of its mean determinant. `nodes` (n_cells, n_nodes)
     are labels, `positions` (n_cells, n_nodes, d) are in m, `determinant` (n_points, n_cells) is that of the Jacobian;
     `name` is that of the set.
     """

@@ -213,7 +213,7 @@ def _widen_free_lines(
 
 
 def _widen_line(line: bytes, whole: bool) -> list[bytes]:
-    """A free-field line as lines with four fixed fields each, `_WIDE` characters wide, and its comment removed.
+    """A free-field line as lines with four fixed fields each, 24 characters wide, and its comment removed.
 
     With `whole`, a line of eight fields always makes two lines, blank or not; else blank continuation lines are left
     out. Fields beyond the eighth (the fourth of a large-field line) make further continuation lines.
@@ -234,7 +234,7 @@ def _widen_line(line: bytes, whole: bool) -> list[bytes]:
 
 
 def _fit_field(value: bytes) -> bytes:
-    """The field `value` in at most `_WIDE` characters: a longer number rounded to a float's digits, other text cut."""
+    """The field `value` in at most 24 characters: a longer number rounded to a float's digits, other text cut."""
     if len(value) <= _WIDE:
         return value
     try:

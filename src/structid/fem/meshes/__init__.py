@@ -71,7 +71,7 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     InputError
         If a unit is not known.
     FileError
-        If the file is not of these kinds, is damaged, has coordinates that are not finite or beyond `_FARTHEST`, or is
+        If the file is not of these kinds, is damaged, has coordinates that are not finite or 1e100 m and more, or is
         VTK and meshio is not installed.
     """
     readable = require_readable(path)

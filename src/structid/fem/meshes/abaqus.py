@@ -512,7 +512,7 @@ def _thickness(block: KeywordBlock) -> float:
 def _mean_direction(normals: Sequence[FloatArray]) -> FloatArray | None:
     """The unit mean (3,) of the unit vectors `normals`; None if one of them is too far from it.
 
-    It is if the cosine of the angle to the mean is below `_SMOOTH`.
+    It is if the angle to the mean is above 20 degrees.
     """
     total = np.sum(normals, axis=0)
     size = float(np.linalg.norm(total))

@@ -475,10 +475,11 @@ def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: Key
 
 
 def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """One part, with its obstacle ("" if none), of a *COUPLING block and the *KINEMATIC or *DISTRIBUTING behind it.
+    """Pair (obstacle, part), as a list of one, of a *COUPLING block and the *KINEMATIC or *DISTRIBUTING behind it.
 
-    Kinematic: nodes of the surface follow the reference node; distributing: it moves as their mean, weighted by area.
-    Raises `ValueError` if the surface or the node cannot be read.
+    The obstacle is "" if there is none. Kinematic: nodes of the surface follow the reference node; distributing: it
+    moves as their mean, weighted by area. Names are looked up in `scope`, where the block stands. Raises `ValueError`
+    if the surface or the node cannot be read.
     """
     next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
     law = next_blocks[0].keyword if next_blocks else ""
@@ -627,10 +628,10 @@ def _follow_rigidly(
     nodes: Sequence[int],
     components: Sequence[int],
 ) -> tuple[str, DeckPart]:
-    """Obstacle ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
+    """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5).
 
-    `dependents` are these nodes. `block` gives the kind of the part and whether its directions are turned, which is an
-    obstacle. All six components make one rigid link, others a constraint each.
+    `block` gives the kind of the part and whether its directions are turned, which is an obstacle. All six components
+    make one rigid link, others a constraint each.
     """
     kind = block.keyword
     if block.options.get("ORIENTATION"):

@@ -227,7 +227,7 @@ def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatA
     """Reference coordinates (2,) of the point of a face nearest to `point`, by Gauss-Newton steps that stay on it.
 
     `point` is (3,), `corners` (n_nodes, 3) are the positions of all nodes of the face, whose interpolation is `shape`.
-    At most `_STEPS` steps are made from its middle.
+    The first step begins at the middle of the face; at most 30 are made.
     """
     local = shape.corners.mean(axis=0)
     for _ in range(_STEPS):

@@ -556,9 +556,10 @@ def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
 def _follow_rigidly(
     deck: _DeckContext, name: str, main: int, dependents: Sequence[int], components: str
 ) -> ObstacleAndTies:
-    """Obstacle ("" if none) and ties of the nodes `dependents` that follow the node `main` rigidly in some of their components.
+    """Obstacle ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
 
-    `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid link called `name`.
+    `dependents` are these nodes; `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid
+    link called `name`.
     """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]

@@ -254,7 +254,7 @@ def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> t
     """Parameter of each column of each block, (n_blocks, n_columns), and the column of every entry within its block.
 
     `row` and `parameter` (n_entries,) are the entries. There is a block for each degree of freedom, or a single one if
-    these would take too much memory and there are at most `_MOST_IN_ONE_BLOCK` parameters. Unused columns are -1; known
+    these would take too much memory and there are at most 200 parameters. Unused columns are -1; known
     terms (`parameter` is `n_params`) are in the last column, the right-hand side.
     """
     pairs = np.unique((row * (n_params + 1) + parameter)[parameter < n_params])

@@ -73,9 +73,9 @@ def identify_time(
     force samples share their noise, which leaves a bias of the order of the squared relative noise of the force; an
     `Oscillation`, whose amplitude many samples fix, has none to speak of.
 
-    Output error goes from few samples to ever more of them. Where the initial values and two random starts end at minima
-    that miss the noise, as where modes turn far between two samples, a start follows that asks only for what the errors
-    of the initial values leave predictable: up to 20 times 100 simulations of a few samples (or of four for each
+    Output error goes from few samples to ever more of them. Where the initial values and two random starts end at
+    minima that miss the noise, as where modes turn far between two samples, a start follows that asks only for what the
+    errors of the initial values leave predictable: up to 20 times 100 simulations of a few samples (or of four for each
     parameter), with no derivative; up to five more of these follow, mostly about the best minimum so far. See
     `structid.inversion.search.posterior_linearization`.
 
@@ -93,7 +93,8 @@ def identify_time(
     >>> from structid.forward import simulated_time_record
     >>> parts = [PointMass("m", [1], 2.0), Spring("k", "1X", stiffness=50.0), Dashpot("c", "1X", viscous_damping=1.0)]
     >>> oscillator = Structure({1: 0.0}, parts, active=["X"])
-    >>> unknown = parameters(oscillator, [Unknown("mass", "m"), Unknown("stiffness", "k"), Unknown("viscous_damping", "c")])
+    >>> unknowns = [Unknown("mass", "m"), Unknown("stiffness", "k"), Unknown("viscous_damping", "c")]
+    >>> unknown = parameters(oscillator, unknowns)
     >>> rng = np.random.default_rng(0)
     >>> values = np.column_stack([np.zeros(200), rng.standard_normal(200)])
     >>> blank = TimeRecord(10.0, values, ("1X", "1X"), ("acceleration", "force"), variance=[1e-4, 0.0])

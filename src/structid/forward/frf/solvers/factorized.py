@@ -434,7 +434,7 @@ class LastSweep:
     ) -> LineDerivatives:
         """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters.
 
-        They are cached by `key`, the bytes of the parameters and coefficients, where they take at most `_MOST_BYTES`.
+        They are cached by `key`, the bytes of the parameters and coefficients, where they take at most 256 MB.
         `sides` are loads and sensors; `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at
         each line.
         """
