@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 
 @dataclass(frozen=True)
 class Limits:
-    """Between which numbers a value lies; `least` and `most` are allowed, `above` and `below` are not."""
+    """Limits of a number; `least` and `most` themselves are allowed, `above` and `below` are not."""
 
     least: float | None = None
     above: float | None = None

@@ -18,11 +18,11 @@ class Provenance:
     inputs : mapping of str to str
         SHA-256 of every input file, by the name that the study gives it.
     seed : int or None
-        Of the starts that are tried where a fit misses the noise; None where none may be.
+        Seed of the random starts that are tried where a fit misses the noise; None if there are none.
     settings : mapping
         The ``[method]`` of the study with its defaults filled in.
     factorizer : str
-        What solves for the response of the model; empty where there is no model.
+        Factorizer of the equations for the response of the model; empty without a model.
     """
 
     structid: str

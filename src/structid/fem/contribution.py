@@ -176,7 +176,7 @@ class LengthFactor(Factor):
     ----------
     length_dependence : LengthDependence
     power : int
-        Such as -3 of bending stiffness, 1 of mass.
+        Power of the length ratio, such as -3 for bending stiffness and 1 for mass.
     """
 
     length_dependence: LengthDependence

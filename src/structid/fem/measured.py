@@ -44,7 +44,7 @@ class MeasuredComponent:
     ----------
     name : str
     interface : sequence of degrees of freedom
-        Of the structure.
+        Degrees of freedom of the structure at which it is joined.
     frequency : (n_lines,) float array
         Hz, increasing.
     receptance : (n_lines, n, n) complex array
@@ -53,8 +53,8 @@ class MeasuredComponent:
     source : str
         File that it comes from.
     variance : (n_lines, n, n) float array, optional
-        Of each value of `receptance`, half of it of the real part and half of the imaginary part, independent from entry to entry
-        and line to line. It enters the intervals of what is identified with the component.
+        Variance of each value of `receptance`, half of it of the real part and half of the imaginary part, independent
+        from entry to entry and line to line. It enters the intervals of what is identified with the component.
 
     Raises
     ------

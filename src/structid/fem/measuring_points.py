@@ -102,7 +102,7 @@ class NearestNodes:
     ----------
     nodes : tuple of int
     distance : (n_points,) float array
-        m.
+        Distance of each point from its node, m.
     """
 
     nodes: tuple[int, ...]
@@ -163,9 +163,9 @@ class MeshPoint:
     node : int
         The mesh's node that it follows.
     distance : float
-        Between the two, m.
+        Distance of the point from that node, m.
     directions : tuple of str
-        In which that node moves.
+        Directions in which that node moves.
     """
 
     name: str

@@ -29,7 +29,7 @@ class Numbering:
     codes : (n_all,) int array
         Codes of all of them in order, see `dof_code`.
     matrix : (n_all, n_free) sparse array
-        T.
+        The map T.
     free : tuple of int
         Codes of the free ones.
     """

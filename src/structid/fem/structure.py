@@ -65,7 +65,7 @@ class Structure(Shown, StructurePlots):
     fixed : sequence of degrees of freedom
         Degrees of freedom held at zero: ``"3X"``, or several of a node ``"3 X RZ"``, or the whole node ``"3"``.
     ties : sequence of RigidLink or Constraint
-        What makes degrees of freedom depend on others.
+        Rigid links and constraints, by which degrees of freedom depend on others.
     active : sequence of directions, optional
         Directions that the structure can move in; the others are held. All of the dimension by default: X Y RZ
         for nodes with one or two coordinates, and what its elements move in besides, such as Z of a `Membrane`.
@@ -86,9 +86,9 @@ class Structure(Shown, StructurePlots):
         Parts that have no model but measured FRFs at the degrees of freedom of their interface. Matrices, modes and masses
         are without them.
     left_aside : sequence of str
-        What the file of the model has that no element stands for, in sentences: a warning with every result.
+        Sentences on contents of the model's file that no element stands for: a warning with every result.
     file_notes : sequence of str
-        What else that file says that the structure does not.
+        Sentences on other contents of that file that the structure lacks.
 
     Raises
     ------

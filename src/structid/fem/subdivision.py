@@ -38,7 +38,7 @@ class NumberedTerms:
     terms : mapping of str to tuple of PropertyMatrices
         By the name of the set, in order.
     owners : mapping of int to str
-        What is at each label above those of the nodes: the element or joint.
+        Element or joint at each label above those of the nodes.
     free : int array
         Codes between pieces that move with the active directions, though these may leave them out: a beam whose ends do
         not turn bends between them.

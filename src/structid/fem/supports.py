@@ -171,7 +171,7 @@ class MiddleNode:
     label : int
     ends : (int, int)
     directions : tuple of str
-        In which its elements move.
+        Directions in which its elements move.
     """
 
     name: str

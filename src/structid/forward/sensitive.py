@@ -116,7 +116,7 @@ class WeightedParts:
     uses : tuple of tuples of (str, float)
         For each kind of part: the matrices to which it adds, each with a number that multiplies it.
     variable : tuple of float arrays
-        Of the slopes what may change with the values of the parameters.
+        Entries of the slopes that may change with the values of the parameters.
     """
 
     parts: tuple[WeightedElements, ...]

@@ -245,9 +245,9 @@ class ElementMatrixTerm:
     whole : sparse array, optional
         In place of `local`: the matrix of a set that is one element.
     shear : ShearRatio, optional
-        What weighs them besides.
+        Shear ratio that weighs the matrices too.
     powers : tuple of Power
-        Of a set that is one element: powers of its properties that weigh the matrix besides.
+        Powers of properties that weigh the matrix too, of a set that is one element.
     matrix_kind : str
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool

@@ -42,7 +42,7 @@ class Part:
     matrix_of : str
         ``mass``, ``damping`` or ``stiffness``.
     powers : tuple of (str, int)
-        Of value over reference; () for the part that no parameter changes.
+        Parameters with the exponents of value over reference; () for the part that no parameter changes.
     matrix : (n_dofs, n_dofs) sparse array
     """
 
@@ -168,7 +168,7 @@ class FrfRuns:
     at : mapping of str to float
         Value of each parameter there.
     changes : (n_params, 2) float array
-        Of each parameter, in its unit.
+        Two changes of each parameter from the centre, in its unit.
     runs : (n_params, 2, n_lines, n_outputs, n_inputs) complex array
     """
 

@@ -52,9 +52,9 @@ class ImportedMatrix:
     dofs : (n_rows, 2) int array, optional
         Node and component (1 to 6, 0 for a scalar point) of each row; None where the format does not say.
     columns : (n_columns, 2) int array, optional
-        The same of the columns of a rectangular matrix; they are the rows' by default.
+        Node and component of each column of a rectangular matrix; by default those of the rows.
     elements : ElementEntries, optional
-        Of files written element by element.
+        Entries by element, if the file was written element by element.
     constrained : (n_constrained, 2) int array, optional
         Degrees of freedom that the file marks as constrained to zero; they are not in `matrix`.
     """

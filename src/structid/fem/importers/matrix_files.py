@@ -41,7 +41,7 @@ class Op4Options:
         Strings with 32-bit rows (any size), strings with 16-bit rows (up to 65535 rows), or whole columns from the
         first to the last entry that is not zero.
     byte_order : {"little", "big"}
-        Of binary files.
+        Byte order of binary files.
     words : {32, 64}
         Bits of an integer in binary files.
     single : bool

@@ -26,7 +26,7 @@ class PartData:
     ----------
     name : str
     nodes : dict of label to position
-        In the file's unit, where the instance puts them.
+        Positions in the file's unit, moved with the instance.
     elements : dict of (type, number of nodes) to dict of label to nodes
         Types in capitals; nodes as words, as those of an assembly may be of an instance.
     node_sets, cell_sets : Sets
@@ -35,7 +35,7 @@ class PartData:
     blocks : list of KeywordBlock
         Keywords that are not nodes, elements or sets.
     system : CoordinateSystem, optional
-        In which nodes are given.
+        Coordinate system in which nodes are given.
     turn : (3, 3) float array
         Rotation of the instance.
     overlong : set of str
@@ -271,7 +271,7 @@ class Assembly:
     node_sets, cell_sets : dict of str to dict of str to set of int
         Sets of the assembly: labels by instance, by name in capitals.
     shifts : dict of str to int
-        What is added to the labels of each instance.
+        Number that is added to the labels of each instance, by its name in capitals.
     owners : dict of str to str
         Name of the part of a single instance, under which its sets go.
     """

@@ -21,11 +21,11 @@ class KeywordBlock:
     Attributes
     ----------
     line : int
-        Where it stands in its file, from 1.
+        Line number in its file, from 1.
     keyword : str
-        In capitals.
+        Name in capitals.
     options : dict of str to str
-        By their names in capitals; "" where they have no value.
+        Values by the names of the options in capitals; "" for an option without value.
     rows : list of list of str
         The words of each data line.
     """

@@ -91,7 +91,7 @@ class _AssemblyContext:
     ----------
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
-        Of nodes with directions of their own.
+        Directions of motion, as rows, of nodes that have their own.
     """
 
     path: Path

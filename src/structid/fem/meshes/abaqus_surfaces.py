@@ -187,9 +187,10 @@ class Footpoint:
     ----------
     distance : float
     weights : (n_nodes,) float array
-        Interpolation there.
+        Weights of the nodes in the interpolation at that point.
     motion : (n_nodes, 3, 3) float array
-        What the displacements of the nodes make of a point that is carried by the face at its distance: exact for rigid motion.
+        Displacement of the other point, carried by the face at its distance, per displacement of each node; exact
+        for rigid motion.
     """
 
     distance: float

@@ -33,7 +33,7 @@ class DeckUnits:
     length, force : float
         m and N.
     mass_factor : float
-        What masses of the file are multiplied by besides (PARAM,WTMASS).
+        Further factor on the masses of the file (PARAM,WTMASS).
     """
 
     length: float = 1.0
@@ -63,7 +63,7 @@ class NodalMass:
     ----------
     node : int
     matrix : (6, 6) float array
-        Of translations and rotations along global axes, SI units.
+        Mass matrix of translations and rotations along global axes, SI units.
     set_name : str
         Element set or property that it belongs to; "" for none.
     """
@@ -80,7 +80,7 @@ class DeckSpring:
     Attributes
     ----------
     weights : mapping of (node, direction) to float
-        Of displacements along global axes; -1 at one end and 1 at the other.
+        Weights of displacements along global axes; -1 at one end and 1 at the other.
     stiffness, damping : float
         SI units.
     loss_factor : float
@@ -102,7 +102,7 @@ class CellOffsets:
     Attributes
     ----------
     block : int
-        Place of the block among those of the mesh.
+        Index of the block among those of the mesh.
     rows : (n_cells,) int array
         Cells in the block.
     arms : (n_cells, n_nodes, 3) float array
@@ -130,7 +130,7 @@ class DeckPart:
     springs : tuple of DeckSpring
     ties : tuple of RigidLink, Constraint or MiddleNode
     obstacle : str
-        Why no element of structid stands for it; "" where it can be taken.
+        Reason why it cannot be taken, such as a missing element type; "" if it can.
     is_needed : bool
         Whether the mesh is wrong without it, so that it is always taken.
     offsets : tuple of CellOffsets

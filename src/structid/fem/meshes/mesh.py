@@ -63,7 +63,7 @@ class Mesh:
     parts : tuple of DeckPart
         Masses, springs, rigid elements and the like that the file has beside its cells.
     notes : tuple of str
-        What else the file says that the mesh does not.
+        Sentences on contents of the file that the mesh lacks.
     displacement_axes : mapping of int to (3, 3) float array
         Directions of motion as rows of the nodes that have their own in the file; those of the mesh are global.
     cells_are_elements : bool

@@ -41,7 +41,7 @@ class BulkSystems:
     Attributes
     ----------
     labels : (n_grids,) int array
-        As the cards stand, repeated ones too.
+        Labels of the grid points in the order of the cards, repeated ones too.
     """
 
     def __init__(self, path: Path, cards: dict[str, Cards]) -> None:

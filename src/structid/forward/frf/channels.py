@@ -18,7 +18,7 @@ class Channels:
     Attributes
     ----------
     columns : (n_dofs, n_columns) sparse array
-        Unit loads there, each once: one at a drive point serves its load and its sensor.
+        Unit loads at all loads and sensors, each once: at a drive point one column serves both.
     inputs, outputs : ((n,) int array, (n,) float array)
         Column and sign of each load, and of each sensor; the last of `outputs` are contacts.
     n_contacts : int

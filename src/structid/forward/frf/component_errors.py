@@ -28,9 +28,9 @@ class ErrorsOfEntry:
     deviation : (n_own,) float array
         Standard deviation of its real part, and of its imaginary part, at each of the component's own lines.
     weights : (n_own, n_lines) sparse array
-        How each of these takes part at the lines of the record.
+        Weight of each of these lines in the receptance at each line of the record.
     change : (n_lines, n_outputs, n_inputs) complex array
-        Of the response with the entry there.
+        Change of the response per unit change of the entry, at each line of the record.
     """
 
     deviation: FloatArray

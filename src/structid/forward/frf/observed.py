@@ -119,9 +119,9 @@ class LeakedFrf:
     Attributes
     ----------
     observed : ObservedFrf
-        At the lines that are summed, see `leaking_lines`.
+        FRFs at all shifted lines that are summed; see `leaking_lines`.
     line_indices : (n_lines, n_parts) int array
-        Index among them of each part of a line.
+        Index among the shifted lines of each part of a line.
     """
 
     observed: ObservedFrf

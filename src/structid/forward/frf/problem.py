@@ -85,7 +85,7 @@ class FrfProblem(RecordProblem):
         Errors of the record's channels; their parameters follow those of the structure.
     start_error : float, optional
         Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
-        first, which carries far. None begins with ways for a start that is near.
+        first, which carries far. None tries schedules for a near start first.
     reduced : float, optional
         Largest error of values, in parts of the largest of their line, that a large model may find from few
         factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.

@@ -61,9 +61,11 @@ class FieldJacobian:
     model : Response
     parts : WeightedParts
     factors : (n_frequencies, n_kinds) complex array
-        Of each kind of part in the dynamic stiffness.
+        Coefficient of each kind of part in the dynamic stiffness.
     x : (n_dofs, n_frequencies n_inputs) complex array
+        Motions under the loads, lines slowest.
     y : (n_frequencies, n_outputs, n_dofs) complex array
+        Motions under unit forces at the sensors.
     """
 
     model: Response
@@ -134,8 +136,9 @@ class ResponseProducts:
     squares : (n_params,) float array
         Diagonal of J'J.
     words : str
+        Phrase that says whether the Jacobian is stored or applied from fields, with sizes in MB.
     jacobian : (n_data, n_params) float array or None
-        Where it is stored.
+        J if it is stored, else None.
     """
 
     values: ComplexArray

@@ -49,7 +49,7 @@ class StiffnessSlopes:
     ----------
     structure : Structure
     parameters : Parameters
-        Of which only the values matter that they give the structure.
+        Only the property values that they give the structure matter.
     """
 
     structure: Structure

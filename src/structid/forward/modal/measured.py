@@ -72,15 +72,16 @@ class GroupData:
     Attributes
     ----------
     members : (m,) int array
-        Their numbers in the record.
+        Numbers of the modes in the record, from 0.
     channels : (n_own,) int array
-        Places of the channels that count: those known in all of the group; none of a mode without a known shape entry.
+        Indices of the channels that count, those known in all modes of the group; empty for a mode without a
+        known shape entry.
     eigenvalues : (m,) float array
         Measured omega^2, (rad/s)^2.
     shapes : (n_own, m) float array
-        In standard deviations of each channel.
+        Shape entries over the standard deviation of each channel.
     shape_std : (n_own,) float array
-        Those standard deviations.
+        Standard deviation of each channel.
     mixing_std : (m, m) float array
         Standard deviation of the off-diagonal entries of A^-1 Lambda A in parts of sqrt(lambda_r lambda_s): an error
         of a shape turns it towards the others, which shows as that part of their distance in eigenvalue; and never

@@ -42,10 +42,10 @@ class ModelState:
     mass, damping, stiffness, structural : (n_dofs, n_dofs) sparse arrays
     modes : Modes
     sensors : (n_dofs, n_channels) float array
-        Of the record; of a group those of its channels, in standard deviations of each.
+        Columns of the record's sensors; for a group those of its channels, over their standard deviations.
     slopes : MatrixSlopes
     physical : (n_params,) float array
-        Of the structure.
+        Parameters of the structure.
     readings : (n_channels, n_errors) float array
         Derivative of the logarithm of what each sensor reads with respect to errors of channels, which follow the parameters.
     """
@@ -77,9 +77,9 @@ class ModalModel:
     channels : tuple of Dof
         Sensors.
     errors : ChannelErrors or None
-        Of the sensors; their parameters follow those of the structure.
+        Errors of the sensors; their parameters follow those of the structure.
     n_modes : int
-        How many modes were measured, which says how many are sought of a large model.
+        Number of measured modes, which sets how many modes of a large model are computed.
     """
 
     structure: Structure

@@ -50,8 +50,8 @@ class GroupFit:
 class _Slopes(NamedTuple):
     """Derivatives, the parameters last, and what they come from.
 
-    `seen` is of what sensors and loss see of the shapes, (n_y, m, n_params), `eigenvalues` of those within the group,
-    (m, m, n_params), `viscous` and `structural` of the losses of a single mode, (n_params,).
+    `seen` are those of the shapes at sensors and losses, (n_y, m, n_params), `eigenvalues` those within the group,
+    (m, m, n_params), `viscous` and `structural` those of the losses of a single mode, (n_params,).
     """
 
     seen: FloatArray

@@ -136,14 +136,14 @@ class InstrumentalFit:
     equations : TimeEquations
     structure : Structure
     model : TimeModel
-        With a sensor for each quantity of `simulated` at every degree of freedom.
+        Time-domain model with a sensor for each quantity of `simulated` at every degree of freedom.
     simulated : tuple of str
     motion : Motion
-        Measured.
+        Measured motion and force.
     noise : mapping of quantity to (n_dofs, n_dofs) float array, or None
         Error covariance of motion and force; None where it is not declared.
     force : float array
-        What drives the simulation: samples, or amplitudes of an oscillation.
+        Force of the simulation: samples, or amplitudes of an oscillation.
     initial : (2 n_dofs,) float array, optional
     """
 

@@ -33,12 +33,12 @@ class TimeModel:
     unknown : Parameters
     drive : InputHold
     loads : tuple of Dof
-        Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
+        Degrees of freedom of forces, or of driven supports, whose accelerations take the place of forces.
     sensors : tuple of Dof
     orders : (n_sensors,) int array
         Derivative that each sensor reads: 0 displacement, 1 velocity, 2 acceleration.
     bases : tuple of Base
-        What supports drive the structure, one a load.
+        Supports that drive the structure, one for each load; empty if forces do.
     """
 
     structure: Structure
@@ -405,9 +405,9 @@ class InputHold:
     ----------
     force : {"first", "zero"} or Oscillation
     n_loads : int
-        Of forces, or of supports whose accelerations take the place of forces.
+        Number of forces, or of supports whose accelerations take their place.
     moves_supports : bool
-        They are at rest at the start, and displacements and velocities count from there.
+        True if supports drive; they are at rest at the start, from where displacements and velocities count.
     step : float
         Time between samples, s.
     gap : float

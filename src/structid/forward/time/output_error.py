@@ -32,7 +32,7 @@ class Histories:
     Parameters
     ----------
     drive : InputHold
-        What the forces are between their samples.
+        Course of the forces between their samples.
     measured : (n_times, n_sensors) float array
     deviation : (n_sensors,) float array
     force : (n_times, n_loads) float array
@@ -72,7 +72,7 @@ class Histories:
         ----------
         predicted : (n_times, n_sensors) float array
         force : float array
-            As `TimeModel.readings` takes it.
+            Samples (n_times, n_loads), or amplitudes of an oscillation.
         """
         samples = self.waveforms @ force if self.drive.oscillates else force
         off = (samples - self.force)[:, self.noisy_loads]
@@ -99,10 +99,10 @@ class Incidental:
     Attributes
     ----------
     force : float array
-        As `TimeModel.readings` takes it.
+        Samples (n_times, n_loads), or amplitudes of an oscillation.
     initial : (2 n_free,) float array or None
     basis : (n_data, rank) float array
-        Orthonormal; what the incidental unknowns can explain of the whitened data.
+        Orthonormal basis of what the incidental unknowns can explain of the whitened data.
     """
 
     force: FloatArray

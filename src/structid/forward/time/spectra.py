@@ -73,14 +73,15 @@ class Evaluation:
     y : (n_frequencies, n_dofs, n_outputs) complex array
         Motions under unit forces at the sensors.
     read : (n_frequencies, n_outputs) complex array
-        What sensors read over the displacement.
+        Factor from displacement to the motion that each sensor reads.
     forced : (n_frequencies, n_outputs, n_inputs) complex array
         The part of each likeliest force in each reading.
     free : (n_frequencies, n_outputs) complex array
-        The part of the transient but its polynomials.
+        The part of the transient in each reading, without its polynomials.
     motion : (n_frequencies, n_dofs, 1) complex array
     aliased : (n_frequencies, n_outputs, n_inputs) complex array
-        What readings hold of the likeliest forces through aliases, in parts of the response far above all modes.
+        The part of each likeliest force in each reading through aliases, as a factor on the response far above
+        all modes.
     whitening : (n_frequencies, n_outputs, n_outputs) complex array
     linear : EliminatedColumns
         Columns of the linear unknowns, which explain a part of the whitened data.
@@ -116,7 +117,7 @@ class EliminatedColumns:
     solution : (n_unknowns, n_columns) float array
         The unknowns by the products of the columns with data.
     rank : int
-        How many of the unknowns are independent.
+        Number of independent unknowns.
     """
 
     columns: ComplexArray
@@ -145,7 +146,7 @@ class MassLine:
     Attributes
     ----------
     response : Response
-        At one line up there.
+        Response at one line far above all modes.
     columns : (n_dofs, n_inputs + n_outputs) sparse array
         Loads, then sensors.
     spectra : FiniteSpectra
@@ -190,7 +191,7 @@ class Transient:
     ----------
     spectra : FiniteSpectra
     forces : (n_dofs, n) float array
-        Of which the changes of state over the record are sums.
+        Force patterns of which the changes of state over the record are sums.
     order : int or None
         Highest power of s in the polynomial of each output; None without a transient.
     tones : tuple of float
@@ -538,7 +539,7 @@ class SpectraProblem(RecordProblem):
     parameters : Parameters
     spectra : FiniteSpectra
     transient : bool
-        Off: the record is periodic, or starts and ends at rest.
+        False if the record is periodic, or starts and ends at rest.
     order : int
         Highest power of s in each output's polynomial, which takes the change of the measured quantity itself,
         the modes above the band, the alias of the jump between the end and the start of the record, and what a late
@@ -552,7 +553,7 @@ class SpectraProblem(RecordProblem):
     channels : ChannelErrors, optional
         Errors of the record's channels; their parameters follow those of the structure.
     cache : ResponseCache
-        What it has in common with the problems that are made from it.
+        Cache that it shares with the problems that are made from it.
 
     Raises
     ------

@@ -31,16 +31,16 @@ class SubstructureCoupling:
     Attributes
     ----------
     free : FrfSolver
-        Those of the model without what is joined.
+        Solver of the model without what is joined.
     slopes : StiffnessSlopes
     channels : Channels
-        No sensor of which reads a support that drives.
+        Loads and sensors; no sensor reads a support that drives.
     joined : (n_dofs, n_joined) sparse array
         Columns of what is joined, supports that drive first.
     receptance : (n_lines, n_joined, n_joined) complex array
-        Y.
+        Y, the receptance of what is joined by itself.
     n_driven : int
-        How many of these are supports that drive.
+        Number of supports that drive among the columns of `joined`.
 
     References
     ----------

@@ -384,7 +384,7 @@ class LastSweep:
     Attributes
     ----------
     n_factorizations : int
-        Of all sweeps so far.
+        Number of factorizations in all sweeps so far.
     readings, derivatives : dict
         What sensors read, and `LineDerivatives` of all lines, by what they depend on.
     """

@@ -32,7 +32,7 @@ class TabulatedFrf:
     ----------
     element : SolverFrfs
     structure : Structure
-        Of that element alone.
+        Structure that consists of that element alone.
     parameters : Parameters
     record : FrfRecord
         Gives lines, sensors and loads.
