@@ -215,7 +215,8 @@ def _average_spectra(
     """Auto- and cross-spectra of inputs and outputs, averaged over all segments, and the number of segments.
 
     `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin
-    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if no record is as long as a segment.
+    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if `detrend` is unknown or no record is as
+    long as a segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")

@@ -313,8 +313,8 @@ def _begins_with_time(row: Sequence[str]) -> bool:
 def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
     """Number of header lines: 0, 1 (names) or 2 (names and units), from `layout.header_rows` or by the first line of numbers.
 
-    `cells` are those of all lines after the skipped ones. Raises `FileError` if no line of numbers is found near the top, or
-    the lines above it are no such header.
+    `cells` are those of all lines after the skipped ones. A first cell that names times or frequencies makes one header line.
+    Otherwise `FileError` is raised if no line of numbers is found near the top, or the lines above it are no such header.
     """
     if layout.header_rows is not None:
         return layout.header_rows
