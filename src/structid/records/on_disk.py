@@ -6,7 +6,7 @@ checked: a gap is named by its sample, and so is the place where a file ends too
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,9 +154,10 @@ class OnDiskRecord:
         return chunk
 
     def _read(self, begin: int, stop: int) -> np.ndarray:
-        """Samples `begin` to `stop` (exclusive) in the file's axis order, type and units, before any scaling.
+        """Samples `begin` to `stop` (exclusive) in the file's type and units, before any scaling.
 
-        The file is opened anew at each call; `FileError` if the shape of its array has changed since the record was opened.
+        The result is (n_samples, n_channels), or (n_channels, n_samples) where the file has channels first. The file is
+        opened anew at each call; `FileError` if the shape of its array has changed since the record was opened.
         """
         shape = (self.n_times, len(self.channels)) if self.samples_first else (len(self.channels), self.n_times)
         stored = _locate_array(self.path, self.array, f"at sample {begin}")
@@ -226,7 +227,7 @@ def open_record(path: str | Path, options: ReadOptions | None = None) -> OnDiskR
     FileError
         If the file is of another format, damaged or cut short.
     InputError
-        If an option is missing, or does not fit the array.
+        If an option is missing, is of no use here, or does not fit the array.
     """
     path, chosen = require_readable(path), options or ReadOptions()
     unused = [name for name in _UNUSED if name in chosen.given()]
@@ -264,6 +265,7 @@ def _make_record(
 
     `array` is the dataset's name in HDF5 ("" for NPY), `rate` the sampling rate in Hz, `shape` that of the stored array
     in either order (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI.
+    `channels` and `quantities` are in the order of the array.
     """
     count = len(channels)
     if len(shape) != 2 or count not in shape:
@@ -306,7 +308,7 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
     return _make_record(path, "values", channels, cast(tuple[Quantity, ...], quantities), rate, shape, None)
 
 
-def _dofs(texts: Iterable[str]) -> tuple[Dof, ...]:
+def _dofs(texts: Sequence[str]) -> tuple[Dof, ...]:
     """Degrees of freedom parsed from `texts`, in their order; repeated texts are allowed and parsed once."""
     by_text: dict[str, Dof] = {}
     for text in texts:

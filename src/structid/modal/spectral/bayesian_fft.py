@@ -68,7 +68,7 @@ def bayesian_fft(
     records : TimeRecord or sequence of them
         Displacement, velocity or acceleration. Several records of the same channels are taken to have the same modal
         forces and noise; their log-likelihoods add up. Channels of various quantities are brought to the commonest one
-        by powers of i omega, and averaged where they share a place.
+        by powers of i omega, and averaged where they share a degree of freedom.
     options : ModalOptions, optional
         Used are `bands`, `frequencies` (where the modes are, one each; in bands given, as a start for the search
         only), `segment` (of the singular spectra that bands are chosen from) and `criteria`. Without `bands`, these lie
@@ -104,19 +104,21 @@ def bayesian_fft(
     data = centred(outputs(records))
     notes: list[str] = []
     bands = _bands(data, options, notes)
-    found, places = [], None
+    posteriors, channels = [], None
     for number, band in enumerate(bands, 1):
-        lines, places = band_lines(data, band.low, band.high)
+        lines, channels = band_lines(data, band.low, band.high)
         need = (band.n_modes + 1) ** 2
         if len(lines.frequency) < need:
             raise InputError(
                 f"`bands` must hold at least {need} lines for {band.n_modes} modes, got {len(lines.frequency)} in "
                 f"{band.low:.4g} to {band.high:.4g} Hz; widen the band, or measure longer"
             )
-        found.append(posterior(lines, band.peaks))
-        notes += _band_warnings(number, band, found[-1], data)
-    assert places is not None
-    modes = _modal_record(found, places, options, notes, f"Bayesian FFT, {len(bands)} bands, {data.duration:g} s")
+        posteriors.append(posterior(lines, band.peaks))
+        notes += _band_warnings(number, band, posteriors[-1], data)
+    assert channels is not None
+    modes = _modal_record(
+        posteriors, channels, options, notes, f"Bayesian FFT, {len(bands)} bands, {data.duration:g} s"
+    )
     return ModalIdentification(modes, "bayesian_fft", options=options)
 
 
@@ -135,8 +137,8 @@ def band_lines(data: ScaledMotion, low: float, high: float) -> tuple[BandLines, 
     """
     kinds = data.derivative
     kind = int(np.bincount(kinds).argmax())
-    places = tuple(dict.fromkeys(data.channels))
-    merge = np.array([[channel == place for place in places] for channel in data.channels], dtype=float)
+    dofs = tuple(dict.fromkeys(data.channels))
+    merge = np.array([[channel == dof for dof in dofs] for channel in data.channels], dtype=float)
     merge /= merge.sum(axis=0)
     frequency, lines = [], []
     for y in data.series:
@@ -148,7 +150,7 @@ def band_lines(data: ScaledMotion, low: float, high: float) -> tuple[BandLines, 
         lines.append(own * (2j * np.pi * f[keep, None]) ** (kind - kinds) @ merge)
     values = np.concatenate(lines)
     size = np.sqrt(np.mean(np.abs(values) ** 2)) if len(values) else 1.0
-    return BandLines(np.concatenate(frequency), np.asarray(values / size, dtype=np.complex128), kind), places
+    return BandLines(np.concatenate(frequency), np.asarray(values / size, dtype=np.complex128), kind), dofs
 
 
 def _bands(data: ScaledMotion, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
@@ -181,13 +183,13 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
         if not own:
             raise InputError(f"`frequencies` must name a mode in every band, got none in {low:g} to {high:g} Hz")
         return Band(low, high, own)
-    places = mode_places(spectrum, low, high, [int(k) for k in automatic_peaks(spectrum)])
-    if not places:
+    peaks = mode_places(spectrum, low, high, [int(k) for k in automatic_peaks(spectrum)])
+    if not peaks:
         middle = 0.5 * (low + high)
         inside = np.flatnonzero((spectrum.frequency >= low) & (spectrum.frequency <= high))
-        places = (float(spectrum.frequency[inside[spectrum.values[inside, 0].argmax()]]) if len(inside) else middle,)
+        peaks = (float(spectrum.frequency[inside[spectrum.values[inside, 0].argmax()]]) if len(inside) else middle,)
         notes.append(f"no peak stands out between {low:g} and {high:g} Hz; one mode is searched for anyway")
-    return Band(low, high, places)
+    return Band(low, high, peaks)
 
 
 def _band_warnings(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
@@ -217,17 +219,21 @@ def _band_warnings(number: int, band: Band, posterior: Posterior, data: ScaledMo
 
 
 def _modal_record(
-    posteriors: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
+    posteriors: Sequence[Posterior], channels: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
 ) -> ModalRecord:
     """Modal record of the modes of all bands that meet `options.criteria`, by increasing frequency.
 
-    `posteriors` has one item per band, `places` are the channels. Modes left out are appended to `notes`, which become
+    `posteriors` has one item per band, with shapes at `channels`. Modes left out are appended to `notes`, which become
     the warnings. `NoModesError` if none is left. `source` says where the record comes from.
     """
     parts = []
-    for one in posteriors:
-        unit, std = _unit_largest(one.modes.shapes, one.shape_covariance)
-        parts.append(by_frequency(one.modes.frequency, one.modes.damping_ratio, unit, places, one.covariance, std))
+    for posterior in posteriors:
+        unit, std = _unit_largest(posterior.modes.shapes, posterior.shape_covariance)
+        parts.append(
+            by_frequency(
+                posterior.modes.frequency, posterior.modes.damping_ratio, unit, channels, posterior.covariance, std
+            )
+        )
     modes = joined(parts, (), source)
     good = options.criteria.meets(modes.frequency, modes.damping_ratio)
     if not good.any():
@@ -278,19 +284,19 @@ class Posterior:
     converged: bool
 
 
-def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
-    """Most probable modes near the frequencies `places` (Hz, one for each mode) and their posterior covariance.
+def posterior(data: BandLines, frequencies: Sequence[float]) -> Posterior:
+    """Most probable modes near `frequencies` (Hz, one for each mode) and their posterior covariance.
 
     The search has several starts, and uses part of the lines and the directions in which the band has most power; the
     best result is refined with all lines and channels. Covariances are NaN where the data do not determine the modes,
     and `converged` is false where the steps did not suffice.
     """
     every = max(1, len(data.frequency) // _SEARCH_LINES)
-    kept = min(data.n_channels, 2 * len(places) + 2)
+    kept = min(data.n_channels, 2 * len(frequencies) + 2)
     basis = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1][:, :kept]
     part = replace(data, frequency=data.frequency[::every], lines=data.lines[::every] @ basis)
-    likely = sorted(starts(part, places), key=lambda modes: negative_log_likelihood(part, modes))[
-        : min(len(places), _SEARCHES)
+    likely = sorted(starts(part, frequencies), key=lambda modes: negative_log_likelihood(part, modes))[
+        : min(len(frequencies), _SEARCHES)
     ]
     searched = [_newton(part, modes, _SEARCH_STEPS)[0].centre for modes in likely]
     best = min(searched, key=lambda modes: negative_log_likelihood(part, modes))
@@ -329,9 +335,10 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 
 
 def _shorten_step(data: BandLines, chart: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
-    """The step from coordinates `x` (size,) shortened as a whole to at most 1 in every coordinate.
+    """The `step` (size,) from coordinates `x` (size,) shortened as a whole to at most 1 in every coordinate.
 
-    Its entries for frequencies and damping ratios are then cut off where these would leave `_limits`.
+    Its entries for frequencies and damping ratios are then cut off where these would leave the lines of the band or the
+    range from 1e-5 to 0.5.
     """
     step = step / max(1.0, float(np.abs(step).max()))
     m = chart.centre.n_modes
@@ -374,7 +381,11 @@ def _refine_posterior(data: BandLines, modes: BandModes) -> Posterior:
 
 
 def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
-    """Hessian of the negative log-likelihood at coordinates `x`, by differences of its gradient; (size, size)."""
+    """Hessian (size, size) of the negative log-likelihood of the lines `data`, by differences of its gradient.
+
+    It is taken at the coordinates `x` (size,) that `chart` maps to frequencies, damping ratios, shapes, forces and
+    noise.
+    """
     rows = []
     for e in np.eye(len(x)) * _STEP:
         rows.append((gradient(data, chart, x + e)[1] - gradient(data, chart, x - e)[1]) / (2 * _STEP))
@@ -391,38 +402,39 @@ def _inverse(curvature: FloatArray) -> FloatArray | None:
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
-    """Starting points for the search for modes near `places` (Hz): one for each choice of shapes.
+def starts(data: BandLines, frequencies: Sequence[float]) -> list[BandModes]:
+    """Starting points for the search for modes near `frequencies` (Hz): one for each choice of shapes.
 
-    Shapes come from the lines near each place, and from principal directions of all lines in several orders; the damping ratio
-    of each is the likeliest of 0.003, 0.01 and 0.03.
+    Shapes come from the lines near each frequency, and from principal directions of all lines in several orders; the
+    damping ratio of each start is the likeliest of 0.003, 0.01 and 0.03.
     """
-    m, n = len(places), data.n_channels
+    m, n = len(frequencies), data.n_channels
     whole = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1]
     basis = whole[:, : min(m, n)]
     basis = basis[:, np.arange(m) % basis.shape[1]]
     turned = basis + np.roll(basis, 1, axis=1) * np.array([1.0 if r % 2 else -1.0 for r in range(m)])
     turned = turned / np.maximum(np.linalg.norm(turned, axis=0), 1e-12)
-    choices = [_local_shapes(data, places)]
+    choices = [_local_shapes(data, frequencies)]
     for shapes in (basis, turned) if min(m, n) > 1 else (basis,):
         orders = list(permutations(range(m))) if m <= 3 else [tuple(range(m))]
         choices += [shapes[:, list(order)] for order in orders]
     found = []
     for shapes in choices:
-        rough = [_rough(data, places, [zeta] * m, shapes) for zeta in _DAMPING]
+        rough = [_rough(data, frequencies, [zeta] * m, shapes) for zeta in _DAMPING]
         found.append(min(rough, key=lambda modes: negative_log_likelihood(data, modes)))
     return found
 
 
-def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Shapes (n_channels, n_places), principal directions of the lines nearest each place (Hz), kept distinct if possible.
+def _local_shapes(data: BandLines, frequencies: Sequence[float]) -> FloatArray:
+    """Shapes (n_channels, n_modes), principal directions of the lines nearest each of `frequencies` (Hz).
 
-    The strongest direction is taken whose MAC with the shapes of all earlier places is below 0.9; the strongest of all if there
-    is none.
+    They are kept distinct if possible: the strongest direction is taken whose MAC with all earlier shapes is below 0.9,
+    or the strongest of all if there is none. A quarter of the lines count, divided by the number of modes, and five at
+    least.
     """
     shapes: list[FloatArray] = []
-    width = max(5, len(data.frequency) // (4 * len(places)))
-    for f in places:
+    width = max(5, len(data.frequency) // (4 * len(frequencies)))
+    for f in frequencies:
         near = data.lines[np.argsort(np.abs(data.frequency - f))[:width]]
         vectors = np.linalg.eigh((near.T @ near.conj()).real)[1][:, ::-1]
         free = [v for v in vectors.T if all((v @ s) ** 2 < 0.9 for s in shapes)]
@@ -430,13 +442,13 @@ def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
     return np.stack(shapes, axis=1)
 
 
-def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
-    """Modes at frequencies `places` (Hz) with damping ratios `zetas` and `shapes`, and rough force and noise densities.
+def _rough(data: BandLines, frequencies: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
+    """Modes at `frequencies` (Hz) with damping ratios `zetas` and `shapes`, and rough force and noise densities.
 
     Frequencies that coincide are moved apart a little; `shapes` is (n_channels, n_modes).
     """
-    m, n = len(places), data.n_channels
-    frequency = np.array(places, dtype=float)
+    m, n = len(frequencies), data.n_channels
+    frequency = np.array(frequencies, dtype=float)
     for r in range(1, m):  # modes that begin alike stay alike
         frequency[r] = max(frequency[r], frequency[r - 1] * (1 + 0.2 * zetas[r]))
     values = np.linalg.eigvalsh((data.lines.T @ data.lines.conj()).real / len(data.lines))
