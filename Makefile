@@ -27,7 +27,7 @@ export PYTHONDONTWRITEBYTECODE =
 .PHONY: pictures demo test test-all lint types imports check docs fuzz golden benchmarks killed mutants dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
-	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
+	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/demo --workers 2
 
 test: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 --dist worksteal

@@ -17,7 +17,7 @@ REPLACED = {
     "decay [0-9.]+ omega": "smoothed FRFs",
     "condition ind(ex|ices)": "are correlated",
     "is not white": "has an order that noise has not",
-    "swings of its own": "a local resonance that the model lacks",
+    "swings of its own": "a loose part or a cable resonates",
     "of its deviations": "standard deviations",
     "family-wise": "joint risk",
     "beside the next": "after the next",

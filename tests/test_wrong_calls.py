@@ -79,6 +79,38 @@ MADE_BY = r"make it by `read_record` or `TimeRecord`"
             lambda: sid.simulated_record(STRUCTURE, UNKNOWN, None, 0.01, np.random.default_rng(1)),
             r"`like` must be of class FrfRecord, got NoneType; make it by `FrfRecord`, with any values at its lines",
         ),
+        (
+            lambda: sid.simulated_record(STRUCTURE, UNKNOWN, RECORD, 0.01),
+            r"`rng` must be of class Generator, got NoneType; noise is drawn by .*np.random.default_rng\(1\)",
+        ),
+        (
+            lambda: sid.simulated_record(STRUCTURE, UNKNOWN, RECORD, 0.01, 1),
+            r"`rng` must be of class Generator, got int; .*np.random.default_rng\(1\)",
+        ),
+        (
+            lambda: sid.simulated_record(STRUCTURE, UNKNOWN, RECORD, "1 %", np.random.default_rng(1)),
+            r"`relative_noise` must be a finite number of at least 0, got '1 %'; 0.01 is 1 %",
+        ),
+        (
+            lambda: sid.simulated_record(STRUCTURE, UNKNOWN, RECORD, -0.01, np.random.default_rng(1)),
+            r"`relative_noise` must be a finite number of at least 0, got -0.01",
+        ),
+        (
+            lambda: sid.Beam("beam", [[0, 1]], mass=2.0, EI=150.0),
+            r"`EI` is no argument of Beam: write `bending_stiffness`; the arguments of Beam are name, nodes, mass, bending_st",
+        ),
+        (
+            lambda: sid.Beam("beam", [[0, 1]], mass=2.0, bending_stifness=150.0),
+            r"`bending_stifness` is no argument of Beam: write `bending_stiffness`; ",
+        ),
+        (
+            lambda: sid.Beam("beam", [[0, 1]], density=7850.0),
+            r"`density` is no argument of Beam; the arguments of Beam are name, ",
+        ),
+        (
+            lambda: sid.Beam("beam", [[0, 1]]),
+            r"Beam: missing a required argument: 'mass'; the arguments of Beam are name, nodes, mass, ",
+        ),
         (lambda: sid.simulated_record(None, UNKNOWN, RECORD), r"`structure` must be of class Structure, got NoneType"),
         (
             lambda: sid.simulated_time_record(STRUCTURE, UNKNOWN, RECORD),

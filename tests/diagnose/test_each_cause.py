@@ -46,7 +46,7 @@ FAULTS = [
         ("4Y",),
         0.1,
         None,
-        "a local resonance acts at 4Y that the model lacks (an appendage, a cable, a loose part)",
+        "a loose part or a cable resonates at 4Y",
     ),
     ("joint", ("girder:1", "3RZ"), 1 / 20000, [20000.0], "the end of girder:1 at 3RZ turns against its node"),
     ("untied stiffness", ("left:1",), -0.3, [0.7], "the stiffness of left:1 is not that of its group"),

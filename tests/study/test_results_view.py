@@ -86,7 +86,7 @@ def test_states_say_how_each_parameter_is_determined(result, rigid):
 def test_what_is_not_determined_is_advised_on_once(rigid):
     told = [words for words in rigid.view.advice if "not determined" in words]
     assert len(told) == 1
-    assert told[0].endswith("fix or tie, give a prior, or measure where the effect shows.")
+    assert told[0].endswith("fix, tie, give a prior, or measure where it acts.")
     assert sum(words.startswith("The data determine") for words in rigid.view.advice) == 1
 
 

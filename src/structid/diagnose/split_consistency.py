@@ -10,6 +10,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.core.errors import StructidError
 from structid.diagnose.thresholds import (
@@ -186,7 +187,7 @@ def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tupl
     frfs = [problem for problem in problems if isinstance(problem, FrfProblem)]
     if by_sensors:
         parts = [[_sensors(p, p.record.outputs[k::2]) for p in frfs] for k in (0, 1)]
-        words = [", ".join(str(dof).rstrip("+") for dof in one[0].record.outputs) for one in parts]
+        words = ["at " + join_words([str(dof).rstrip("+") for dof in one[0].record.outputs]) for one in parts]
         yield (words[0], joint_problem(parts[0])), (words[1], joint_problem(parts[1]))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.display import Overview, Shown, as_sentence, join_words, plural
-from structid.core.quantities import percent
+from structid.core.quantities import exact, percent, prefixed, with_unit
 from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements
@@ -672,18 +672,15 @@ def _judged(
     )
     if disagreements:
         name = disagreements[0].name
-        words += (
-            f" Do not rely on {name}: it {_apart(disagreements[0]).removeprefix(name).strip()}; this part of"
-            " the model is wrong, or depends on frequency or place."
-        )
+        words += f" Do not rely on {name}, {_values_apart(disagreements[0])}: its model is wrong or varies."
     words += also
     if suggestions:
         first = suggestions[0]
-        far = first.moves > TOLD_SHIFT
-        words += f" The misfit would be {100 * first.share:.0f} % smaller if {first.words}"
-        words += (
-            f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
-        )
+        words += f" The misfit falls {100 * first.share:.0f} % if {first.words}"
+        # what the record does not determine is named as such, and needs no second warning
+        undetermined = {name for name, known in zip(estimate.names, estimate.identified, strict=True) if not known}
+        far = next((one for one in first.moved if one.distance > TOLD_SHIFT and one.name not in undetermined), None)
+        words += "." if far is None else f"; do not rely on {far.name}, which would then be far outside its interval."
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, disagreements)))
 
 
@@ -808,13 +805,15 @@ def _searched(n_tried: int) -> str:
 
 
 def _apart(one: Disagreement) -> str:
-    """Clause on the two values of the parameter by which two parts of the data disagree, with three digits."""
-    first, second = (f"{float(f'{value:.3g}'):,.9g}" for value in one.values)
-    unit = "" if one.unit in ("", "1") else f" {one.unit}"
-    return (
-        f"{one.name} is {first}{unit} from {one.parts[0]} and {second}{unit} from {one.parts[1]}"
-        f" ({one.distance:.0f} standard deviations apart)"
-    )
+    """Clause on a parameter whose values from two parts of the data do not agree."""
+    return f"{one.name} is {_values_apart(one)} ({one.distance:.0f} standard deviations apart)"
+
+
+def _values_apart(one: Disagreement) -> str:
+    """The two values of a disagreement with their parts of the data, as in "19 below 51.5 Hz and 101 kN/m above 51.5 Hz"."""
+    factor, unit = prefixed(one.unit, *one.values)
+    first, second = (exact(value / factor, 3) for value in one.values)
+    return f"{first} {one.parts[0]} and {with_unit(second, unit)} {one.parts[1]}"
 
 
 def _with_second(identification: Identification, causes: Sequence[Cause]) -> str:

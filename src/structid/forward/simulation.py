@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,8 @@ from structid.forward.time.output_error import declared_variance, time_model
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
 from structid.unknowns import Parameters
+
+_RNG_MADE_BY = "noise is drawn by a numpy Generator, as np.random.default_rng(1) is one"
 
 
 def simulated_record(
@@ -46,18 +49,18 @@ def simulated_record(
     Raises
     ------
     InputError
-        If an argument is of another class, or noise is asked for without `rng`.
+        If an argument is of another class, `relative_noise` is negative, or noise is asked for without `rng`.
     """
     _require_parts(structure, unknown)
     require_class("like", like, FrfRecord, "make it by `FrfRecord`, with any values at its lines, sensors and loads")
+    if not isinstance(relative_noise, Real) or not 0 <= float(relative_noise) < np.inf:
+        raise InputError(f"`relative_noise` must be a finite number of at least 0, got {relative_noise!r}; 0.01 is 1 %")
+    if relative_noise > 0 or rng is not None:
+        require_class("rng", rng, np.random.Generator, _RNG_MADE_BY)
     record = replace(like, variance=None, coherence=None, averages=None, source="simulated")
     record = replace(record, values=response(structure, unknown, record).values_at(unknown.start))
-    if relative_noise == 0:
+    if rng is None or relative_noise == 0:
         return record
-    if rng is None:
-        raise InputError(
-            "`rng` must be a numpy Generator where noise is asked for, got None; np.random.default_rng(1) is one"
-        )
     size = relative_noise * np.abs(record.values)
     noise = rng.standard_normal(size.shape) + 1j * rng.standard_normal(size.shape)
     return replace(record, values=record.values + size * noise / np.sqrt(2), variance=size**2, noise_source="declared")
@@ -100,6 +103,8 @@ def simulated_time_record(
     """
     _require_parts(structure, unknown)
     require_class("like", like, TimeRecord, "make it by `TimeRecord`, with its forces and any motion")
+    if rng is not None:
+        require_class("rng", rng, np.random.Generator, _RNG_MADE_BY)
     chosen = replace(options or TimeOptions(), quantities=("displacement", "velocity", "acceleration"))
     model = time_model(structure, unknown, like, chosen)
     moved = [i for i, q in enumerate(like.quantities) if q not in LOADS]

@@ -101,7 +101,7 @@ class Appendage(Candidate):
         ]
 
     def sentence(self, value: float | None) -> str:
-        return f"a local resonance acts at {self.where[0]} that the model lacks (an appendage, a cable, a loose part)"
+        return f"a loose part or a cable resonates at {self.where[0]}"
 
 
 def _frequencies(receptances: Receptances) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,6 +15,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.constraints import constraint_violation, declared_types, describe_type
+from structid.core.display import names_like
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 
@@ -180,6 +182,7 @@ def element(cls: type[E]) -> type[E]:
     The parameters come after the summary, before sections of notes and references.
     """
     decorated = dataclass(frozen=True, eq=False)(cls)
+    decorated.__init__ = _with_known_arguments(decorated, decorated.__init__)  # type: ignore[method-assign]
     types, rows = declared_types(decorated), []
     for item in fields(decorated):
         declaration: Declared = item.metadata["declared"]
@@ -192,6 +195,38 @@ def element(cls: type[E]) -> type[E]:
     summary, *others = re.split(r"\n\n(?=(?:Notes|References)\n---)", text)
     decorated.__doc__ = "\n\n".join([summary, "\n".join(["Parameters", "----------", *rows]), *others])
     return decorated
+
+
+def _with_known_arguments(kind: type[ElementSet], init: Callable[..., None]) -> Callable[..., None]:
+    """`init` of an element type `kind`, with an `InputError` where arguments have unknown names or are missing or too many."""
+    signature = inspect.signature(init)
+
+    @functools.wraps(init)
+    def checked(*positional: object, **named: object) -> None:
+        try:
+            signature.bind(*positional, **named)
+        except TypeError as error:
+            names = [name for name in signature.parameters if name != "self"]
+            raise InputError(_wrong_arguments(kind, names, named, str(error))) from None
+        init(*positional, **named)
+
+    return checked
+
+
+def _wrong_arguments(kind: type[ElementSet], names: Sequence[str], named: Iterable[str], trouble: str) -> str:
+    """Message on a call of an element type with wrong arguments: which one is meant, where one is alike, and all `names`.
+
+    `named` are those that were given by name; `trouble` are Python's words, for a call in which no name is wrong. An argument is
+    alike if its name is, or if its description begins with what was written, as that of the bending stiffness does with ``EI``.
+    """
+    every = f"the arguments of {kind.__name__} are {', '.join(names)}"
+    wrong = next((name for name in named if name not in names), None)
+    if wrong is None:
+        return f"{kind.__name__}: {trouble}; {every}"
+    described = declarations(kind)
+    alike = [name for name in names if re.match(rf"{re.escape(wrong)}\b", described[name].words)]
+    meant = next(iter([*alike, *names_like(wrong, names)]), None)
+    return f"`{wrong}` is no argument of {kind.__name__}{f': write `{meant}`' if meant else ''}; {every}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -378,10 +378,8 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
     away = {estimate.names[index] for index in identification.ran_away}
     lost = [name for name, is_identified, is_free in flags if is_free and not is_identified and name not in away]
     if lost and estimate.uncertainty.has_matrix:
-        are = "is" if len(lost) == 1 else "are"
-        lines.append(
-            f"{join_words(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
-        )
+        are, act = ("is", "it acts") if len(lost) == 1 else ("are", "they act")
+        lines.append(f"{join_words(lost, 4)} {are} not determined: fix, tie, give a prior, or measure where {act}.")
     directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
     told_by_verdict = {*directions[1:], *(f"the data determine {name} not at all" for name in away)}
     lines.extend(as_sentence(words) for words in acts if words in of_estimate and words not in told_by_verdict)
