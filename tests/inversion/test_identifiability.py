@@ -37,7 +37,7 @@ def test_pair_is_named_with_its_ratio_and_each_alone():
     assert group.together == pytest.approx(np.sqrt(difference @ covariance @ difference), rel=1e-9)
     assert group.correlation == pytest.approx(abs(covariance[0, 1]) / np.sqrt(np.prod(np.diag(covariance))), rel=1e-9)
     assert group.words == (
-        "mass[a] and stiffness[b] are correlated (0.9998): their ratio is known to 1 %, each alone to 50 %"
+        "mass[a] and stiffness[b] are correlated (0.9998): their ratio is known to 1 %, each alone to 50 % (noise alone)"
     )
 
 

@@ -26,7 +26,7 @@ JOBS = {
     "From a study to the answer": ("identify", "explain", "correlate", "compare", "motion"),
     "From the answer to its use": ("predict", "sense", "export"),
     "From a record alone": ("modes", "convert"),
-    "Beside": ("schema", "reproduce"),
+    "Also": ("schema", "reproduce"),
 }
 COMMANDS = tuple(name for names in JOBS.values() for name in names)
 _WIDEST = max(map(len, COMMANDS))

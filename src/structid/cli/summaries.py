@@ -10,7 +10,7 @@ from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
 from structid.core.display import first_warnings, format_number, plural
-from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, unit_text, with_std
+from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, with_std
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
@@ -244,19 +244,16 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     if not result.covariance.has_matrix:
         return [*head, Text(_prediction(result)), *more]
     identifiability = result.identifiability
-    rank = f"rank {identifiability.rank} of {len(result.names)} parameters from the data alone, condition" + (
-        f" {format_number(identifiability.condition, 3)}; predicted at the"
-        f" initial values, for a model that is right and errors that are independent from {_apart(result)}:"
+    rank = (
+        f"rank {identifiability.rank} of {len(result.names)} parameters from the data alone (condition number"
+        f" {format_number(identifiability.condition, 3)}). Standard deviations (std) predicted at the initial values, if the model"
+        f" is right and errors are independent from {_apart(result)}:"
     )
-    table = new_table("parameter", "unit", "initial", "predicted std", "relative")
+    table = new_table("parameter", "initial", "predicted std", "unit", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
-        table.add_row(
-            name,
-            unit_text(unit),
-            format_number(start),
-            format_number(std, 2),
-            format_number(std / abs(start) if start else math.nan, 2),
-        )
+        factor, prefixed_unit = prefixed(unit, start)
+        relative = percent(std / abs(start), 2, signed=False) if start else NOTHING
+        table.add_row(name, number(start / factor), number(std / factor, 2), prefixed_unit, relative)
     assumptions = [Text(result.assumption)] if result.assumption else []
     return [*head, Text(rank), table, *assumptions, *groups(identifiability), *more]
 
@@ -291,7 +288,7 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
     for one in result.beside:
         if not one.resonances:
             continue
-        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half widths", "MAC")
+        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half resonance widths", "MAC")
         for pair in one.resonances:
             above = 100 * (pair.model / pair.measured - 1)
             table.add_row(

@@ -79,8 +79,8 @@ class FixedValueSensitivity:
         """Clause on the parameter that moves most, in its standard deviations, if the fixed value is 1 % larger."""
         at = self.most_moved
         size = f"{abs(self.distance[at]):.2g}"
-        moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}"
-        return f"with {self.name} 1 % larger, {moved}, {size} standard deviation{'' if size == '1' else 's'}"
+        moved = f"{self.parameters[at]} would be {_percent(0.01 * self.influence[at])}"
+        return f"with {self.name} 1 % larger, {moved} ({size} standard deviation{'' if size == '1' else 's'})"
 
     @property
     def words(self) -> str:
@@ -140,9 +140,9 @@ def resting_words(sensitivities: Sequence[FixedValueSensitivity]) -> str:
     if not most:
         return ""
     first = most[0]
-    others = f" ({plural(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
+    others = f", and {plural(len(most) - 1, 'other')} like it on the page" if len(most) > 1 else ""
     return (
-        f"fixed values matter: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
+        f"fixed values matter: {first.moved_words}{others}; state its `tolerance` (0 where it is exact), or make it an"
         " unknown with a prior"
     )
 

@@ -92,7 +92,7 @@ class MeshPieces:
         if not self.moved >= MOVED:
             return f"{NOT_JUDGED}: {self.obstacle}"
         interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
-        remedy = self.obstacle or f"write {SUBDIVIDE_AUTO}, or {self.needed} for {self.count}"
+        remedy = self.obstacle or f"write {SUBDIVIDE_AUTO}, or {self.needed} in place of {self.count}"
         return f"{MESH_MOVES} {self.shifts}, {interval}: {remedy}"
 
 

@@ -139,13 +139,14 @@ class SenseOptions:
     Parameters
     ----------
     wanted : str
-        Degrees of freedom whose motion is wanted, and forces and stresses of elements as for `structid predict`, by commas.
+        Degrees of freedom whose motion is wanted, and forces and stresses of elements as for `structid predict`, with commas
+        between.
     motion : str
         displacement, velocity or acceleration.
     unknown : str
         Degrees of freedom at which forces act that were not measured, with commas between.
     correlation_time : float, optional
-        Time, s, over which these forces forget themselves; the likeliest by default.
+        Correlation time of these forces, s; the likeliest by default.
     force_std : float, optional
         Standard deviation of these forces, N; the likeliest by default.
     leave_out : str
@@ -153,7 +154,7 @@ class SenseOptions:
     draws : int
         Models within the uncertainty.
     unfiltered : bool
-        Take the record as one that no filter against aliasing went over, as simulated ones; measured ones are filtered.
+        No filter against aliasing acted on the record, as on simulated ones; records are taken as filtered by default.
     """
 
     wanted: str = ""
@@ -177,8 +178,10 @@ class ExportOptions:
     ----------
     modes : int
         Number of natural modes in files of modes and grids.
-    sensors, loads : str
-        Degrees of freedom of outputs and of inputs of state equations, with commas between.
+    sensors : str
+        Degrees of freedom of the outputs of state equations, with commas between.
+    loads : str
+        Degrees of freedom of the inputs of state equations, with commas between.
     band : tuple of float, optional
         Lowest and highest frequency, Hz, in which the equations hold.
     motion : str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from structid.cli.base import NOT_DETERMINED, StudyPath, fail
+from structid.cli.base import NOT_DETERMINED, StudyPath, fail, say
 
 _KEPT_BYTES = 500_000_000
 
@@ -31,3 +31,5 @@ def check(study: StudyPath) -> None:
     show(check_summary(result))
     if not result.determined:
         fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
+    first = "look at the warnings, then " if result.warnings else ""
+    say(f"Next: {first}`structid identify {study}`")

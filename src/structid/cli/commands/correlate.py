@@ -22,7 +22,7 @@ def correlate(
     report: Report = True,
     png: Png = False,
 ) -> None:
-    """Hold measured and modelled modes or FRFs side by side: pairs, MAC, COMAC, FRAC; write correlation.json and a page.
+    """Put measured and modelled modes or FRFs side by side: pairs, MAC, COMAC, FRAC; write correlation.json and a page.
 
     Nothing is estimated: the model has the start values of the study, or those of an earlier run. Measured shapes carried
     on to the model are written as expanded_modes.csv. Exit code 1: no measured mode matches one of the model.

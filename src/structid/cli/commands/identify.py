@@ -78,8 +78,9 @@ CauseSeconds = Annotated[
         "--seconds",
         metavar="SECONDS",
         callback=_time_limit,
+        show_default=False,
         help="Processor time for the search for causes; one look and two fits are made in any case [default: the"
-        " evaluations of three identifications and 8 s].",
+        " evaluations of three identifications and 8 s; of `structid explain`, no limit].",
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]

@@ -52,8 +52,8 @@ def init(
         made = template_with(kind, values | _ask_values(kind, set(values)))
     path = write_study(made, study or beside_call(f"{template}.toml"))
     say(
-        f"{path}: written; see it with `structid app {path.parent}`; before a test go on with `structid plan {path}`; once"
-        f" its [record] names the file of a test, with `structid check {path}`"
+        f"{path} is written.\nLook at it: `structid app {path.parent}`\nBefore the test: `structid plan {path}`\nAfter the test: name"
+        f" its file under [record], then `structid check {path}`"
     )
 
 

@@ -24,7 +24,7 @@ def sense(
     report: Report = True,
     png: Png = False,
 ) -> None:
-    """Tell the motion at places without a sensor during a record, and forces that nobody measured; write sensed.csv and a page.
+    """Estimate motion at places without a sensor, and forces that nobody measured, from a record; write sensed.csv and a page.
 
     A Kalman smoother runs over the modes of the identified model. Every value has a standard deviation, which includes the noise of
     the sensors, the uncertainty of the model and what the unknown forces leave open.

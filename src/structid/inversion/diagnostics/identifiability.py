@@ -345,7 +345,7 @@ def _group(members: list[int], correlation: FloatArray, directions: _Directions,
     named = tuple(directions.names[i] for i in members)
     smallest = float(np.abs(correlation[np.ix_(members, members)]).min())
     index = float(directions.condition[int(np.argmax(directions.proportions[:, members].sum(axis=1)))])
-    caveat = "" if noise_scale == 1.0 else " (were the model's errors independent from line to line)"
+    caveat = " (noise alone)" if noise_scale == 1.0 else " (were the model's errors independent from line to line)"
     if len(members) == 2:
         pair = float(correlation[members[0], members[1]])
         together = float(np.linalg.norm(inverse[0] - np.sign(pair) * inverse[1]))

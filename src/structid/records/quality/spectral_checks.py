@@ -288,13 +288,13 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
     remedy = (
         f"take segments of {needed} samples, or fit the histories by [record.time]"
         if _SEGMENTS * needed <= len(record.values)
-        else f"fit the histories by [record.time], or record longer: {_SEGMENTS} segments of {needed} samples, and the record has"
-        f" {len(record.values)}"
+        else f"fit the histories by [record.time], or record for longer: {_SEGMENTS} segments of {needed} samples (the record has"
+        f" {len(record.values)})"
     )
     name = "no window, though segments neither repeat nor rest at their ends," if is_flat else f"window {window!r}"
     return (
-        f"leakage: {name} at {lines[worst]:.2g} lines in the half-power bandwidth at {frequency[worst]:.4g} Hz lowers"
-        f" that peak by about {100 * lowered:.2g} % and shows more damping; {remedy}"
+        f"leakage: {name} lowers the peak at {frequency[worst]:.4g} Hz by about {100 * lowered:.2g} % and makes its damping look"
+        f" larger ({lines[worst]:.2g} lines in its half-power bandwidth); {remedy}"
     )
 
 
