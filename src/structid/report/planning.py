@@ -10,7 +10,7 @@ from rich.text import Text
 
 from structid.core.display import join_words, plural
 from structid.core.dof import Dof
-from structid.core.quantities import unit_text
+from structid.core.quantities import exact, prefixed
 from structid.inversion.diagnostics.identifiability import percent_text
 from structid.planning.planned import Plan, PlannedTest
 from structid.records.record import FRF_UNITS
@@ -48,9 +48,7 @@ def plan_text(plan: Plan, title: str, notes: tuple[str, ...]) -> list[Renderable
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(plan)))
     parts.append(printed(test_table(plan)))
-    parts += [
-        Text(line) for line in (*assumption_lines(plan), *choice_lines(plan), *enough_lines(plan), *next_lines(plan))
-    ]
+    parts += [Text(line) for line in (*tolerance_lines(plan), *_answer_lines(plan))]
     parts.append(printed(parameter_table(plan)))
     parts += [Text(f"the chosen test determines {d.words}") for d in plan.identifiability.directions]
     groups = plan.identifiability.groups
@@ -82,20 +80,25 @@ def _noise_words(plan: Plan) -> str:
     return " and ".join(noise)
 
 
-def assumption_lines(plan: Plan) -> list[str]:
-    """Lines on the assumptions behind the deviations of the table: tolerances, and a model without damping; [] if neither."""
-    lines = (
-        [
-            f"std include noise alone; the last column includes {plan.assumption} too, which more lines and averages do not"
-            " reduce"
-        ]
-        if plan.assumption
-        else []
-    )
-    if not plan.is_undamped:
-        return lines
+def _answer_lines(plan: Plan) -> list[str]:
+    """Lines on what was chosen, how much is enough, and what to add next; a doubt about a model without damping first."""
+    return [*undamped_lines(plan), *choice_lines(plan), *enough_lines(plan), *next_lines(plan)]
+
+
+def tolerance_lines(plan: Plan) -> list[str]:
+    """At most one line on the errors that the deviations of the table include: noise, and tolerances in the last column."""
+    if not plan.assumption:
+        return []
     return [
-        *lines,
+        f"std include noise alone; the last column includes {plan.assumption} too, which more lines and averages do not reduce"
+    ]
+
+
+def undamped_lines(plan: Plan) -> list[str]:
+    """At most one line, on a model without any damping."""
+    if not plan.is_undamped:
+        return []
+    return [
         f"std assume noise of {_noise_words(plan)} and a model without any damping, whose resonances are infinitely high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]",
     ]
@@ -127,13 +130,15 @@ def parameter_table(plan: Plan) -> Table:
     Undetermined parameters have an infinite one; those not of interest are marked as nuisance.
     """
     tests = compared_tests(plan)
-    header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
+    header = ("parameter", "initial", "unit", *(f"std, {test.label}" for test in tests))
     rows = []
     for i, name in enumerate(plan.parameters.names):
         mark = "" if plan.chosen.of_interest[i] else " (nuisance)"
         shown = (percent_text(math.inf if math.isnan(test.std[i]) else float(test.std[i])) for test in tests)
-        rows.append((name + mark, unit_text(plan.parameters.units[i]), f"{plan.parameters.start[i]:.5g}", *shown))
-    return Table(header, tuple(rows), tuple(range(2, len(header))))
+        start = float(plan.parameters.start[i])
+        factor, unit = prefixed(plan.parameters.units[i], start)
+        rows.append((name + mark, exact(start / factor), unit, *shown))
+    return Table(header, tuple(rows), (1, *range(3, len(header))))
 
 
 def choice_lines(plan: Plan) -> list[str]:
@@ -190,8 +195,8 @@ def next_lines(plan: Plan) -> list[str]:
     base = plan.installed or plan.chosen
     listed = ", ".join(f"{test.sensors[-1]} ({percent_text(test.worst_std)})" for test in plan.next_sensors[:3])
     return [
-        f"the next best sensor beside the {base.label} ones (worst std {percent_text(base.worst_std)}), with the worst std it"
-        f" would leave: {listed}"
+        f"next best sensor beside the {base.label} ones, with the worst std that it would leave: {listed};"
+        f" {percent_text(base.worst_std)} without it"
     ]
 
 
@@ -206,8 +211,8 @@ def plan_page(plan: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:
         "title": title or "Structure",
         "determined": plan.determined,
         "chosen_determines": plan.chosen.determined,
-        "options": options_text(plan),
-        "lines": [*assumption_lines(plan), *choice_lines(plan), *enough_lines(plan), *next_lines(plan)],
+        "lines": _answer_lines(plan),
+        "assumptions": [options_text(plan), *tolerance_lines(plan)],
         "remarks": [
             *notes,
             *(f"the chosen test determines {d.words}" for d in plan.identifiability.directions),

@@ -7,6 +7,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.display import plural
+from structid.core.isolation import paths_as_called
 from structid.core.quantities import NOTHING, number, percent, span_text, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.prediction.quantities import Frf
@@ -117,7 +118,7 @@ def heading(prediction: StudyPrediction) -> str:
         ("spectra", prediction.spectrum),
     )
     what = [name for name, part in kinds if part is not None]
-    words = f"{' and '.join([*what, 'modes'])} predicted from {prediction.folder}"
+    words = paths_as_called(f"{' and '.join([*what, 'modes'])} predicted from {prediction.folder}")
     words += f", {prediction.loads}" if prediction.loads else ""
     return f"{words}; {', '.join(prediction.changes)}" if prediction.changes else words
 

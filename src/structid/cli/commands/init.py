@@ -51,10 +51,10 @@ def init(
     if sys.stdin.isatty():
         made = template_with(kind, values | _ask_values(kind, set(values)))
     path = write_study(made, study or beside_call(f"{template}.toml"))
-    say(
-        f"{path} is written.\nLook at it: `structid app {path.parent}`\nBefore the test: `structid plan {path}`\nAfter the test: name"
-        f" its file under [record], then `structid check {path}`"
-    )
+    say(f"{path} is written.")
+    say(f"Look at it: `structid app {path.parent}`")
+    say(f"Before the test: `structid plan {path}`")
+    say(f"After the test: name its file under [record], then `structid check {path}`")
 
 
 def _parse_settings(pairs: list[str]) -> dict[str, str]:
