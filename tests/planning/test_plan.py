@@ -348,9 +348,9 @@ def test_friction_takes_one_load_at_a_time():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"n_sensors": 7}, "number of sensors must be from 1 to 6, the number of candidates, got 7"),
-        ({"n_loads": 0}, "number of loads must be from 1 to 2"),
-        ({"n_frequencies": 41}, "number of frequencies must be from 1 to 40"),
+        ({"n_sensors": 7}, "`n_sensors`, or --sensors, must be from 1 to 6, the number of candidates, got 7"),
+        ({"n_loads": 0}, "`n_loads`, or --loads, must be from 1 to 2"),
+        ({"n_frequencies": 41}, "`n_frequencies`, or --frequencies, must be from 1 to 40"),
         ({"sensors": parse_dofs(["0Y"])}, "held at zero"),
         ({"loads": parse_dofs(["99Y"])}, "which the structure does not have"),
         ({"relative_noise": 0.0, "absolute_noise": 0.0}, "without noise every test is perfect"),
@@ -555,7 +555,7 @@ def test_parameters_that_no_candidate_tells_apart_exit_1_with_results(tmp_path):
     [
         ('sensors = ["1X", "2X", "3X"]', 'sensors = ["1X", "9X"]', "[plan] sensors: 9X+ is at node 9"),
         ('sensors = ["1X", "2X", "3X"]', 'sensors = ["1Q"]', "[plan] sensors: cannot read '1Q'"),
-        ("n_lines = 60", "n_lines = 60\nn_sensors = 9", "number of sensors must be from 1 to 3"),
+        ("n_lines = 60", "n_lines = 60\nn_sensors = 9", "`n_sensors`, or --sensors, must be from 1 to 3"),
         ("n_lines = 60", "lines = 60", "[plan] lines: unknown key; the nearest is"),
         ("n_lines = 60", "frequency = [1.0, 2.0]", "[plan]: gives lines both by"),
         ("band = [0.5, 12.0]\nn_lines", "band = [0.0, 12.0]\nspacing = \"log\"\nn_lines", "[plan] band: must begin above 0 Hz"),

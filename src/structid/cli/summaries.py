@@ -10,7 +10,7 @@ from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
 from structid.core.display import first_warnings, format_number, plural
-from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, with_std
+from structid.core.quantities import NOTHING, exact, number, percent, prefixed, span_text, with_std
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
@@ -253,7 +253,7 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
         factor, prefixed_unit = prefixed(unit, start)
         relative = percent(std / abs(start), 2, signed=False) if start else NOTHING
-        table.add_row(name, number(start / factor), number(std / factor, 2), prefixed_unit, relative)
+        table.add_row(name, exact(start / factor), number(std / factor, 2), prefixed_unit, relative)
     assumptions = [Text(result.assumption)] if result.assumption else []
     return [*head, Text(rank), table, *assumptions, *groups(identifiability), *more]
 

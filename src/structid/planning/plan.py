@@ -685,7 +685,7 @@ def _checked_count(name: str, wanted: int | None, default: int, available: int) 
         return min(default, available)
     if not 1 <= wanted <= available:
         raise InputError(
-            f"number of {name} must be from 1 to {available}, the number of candidates, got {wanted};"
-            f" ask for fewer or name more candidates"
+            f"`n_{name}`, or --{name}, must be from 1 to {available}, the number of candidates, got {wanted};"
+            " ask for fewer or name more candidates"
         )
     return wanted

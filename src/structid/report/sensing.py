@@ -74,7 +74,7 @@ def sensing_page(sensed: SensedMotion, title: str, record: str) -> Page:
     if sensed.force_dofs:
         figures["sensed_forces"] = forces_figure(sensed)
     table, n_outputs = _motion_table(sensed), len(sensed.outputs)
-    header = ("Where", "Root mean square", "Its standard deviation")
+    header = ("Where", "Root mean square", "Standard deviation (rms)", "Unit")
     words = {
         "title": title or "Structure",
         "heading": f"{sensed.overview().words.partition(';')[0]}, from {record}",
@@ -91,12 +91,10 @@ def sensing_page(sensed: SensedMotion, title: str, record: str) -> Page:
 
 
 def sensed_figure(sensed: SensedMotion) -> plot.Figure:
-    """Figure of sensed motion with its 95 % bands, one output at a time; element outputs have their SI unit."""
-    unit = QUANTITY_UNITS[sensed.motion][0]
+    """Figure of sensed motion with its 95 % bands, one output at a time, each with its SI unit."""
     panels = []
     for output, value, std in zip(sensed.outputs, sensed.values.T, sensed.std.T, strict=True):
-        of_output = output_unit(output)
-        y = plot.Axis(str(output) if of_output else sensed.motion, of_output or unit)
+        y = plot.Axis(str(output) if output_unit(output) else sensed.motion, sensed.unit_of(output))
         panels.append(_panel(sensed.time, value, std, y, str(output), palette.BLUE))
     return one_at_a_time(panels, "Where", _caption("value", sensed))
 
@@ -105,7 +103,7 @@ def left_out_figure(sensed: SensedMotion) -> plot.Figure:
     """Figure of sensors that were left out, one at a time: what they measured, and the 95 % band sensed there."""
     panels = []
     for sensor in sensed.left_out:
-        y = plot.Axis(sensor.motion, QUANTITY_UNITS[sensor.motion][0])
+        y = plot.Axis(sensor.motion, QUANTITY_UNITS[sensor.motion][sensor.dof.is_rotation])
         measured = plot.Curve(
             *thin_curve(sensed.time, sensor.measured, MOST_POINTS),
             plot.Pen(palette.INK, 1.2, "dot"),
@@ -120,7 +118,7 @@ def forces_figure(sensed: SensedMotion) -> plot.Figure:
     """Figure of the unknown forces with their 95 % bands, one at a time."""
     panels = [
         _panel(
-            sensed.time, value, std, plot.Axis("moment" if dof.is_rotation else "force", "N m" if dof.is_rotation else "N"),
+            sensed.time, value, std, plot.Axis("moment" if dof.is_rotation else "force", QUANTITY_UNITS["force"][dof.is_rotation]),
             str(dof), palette.VERMILLION,
         )
         for dof, value, std in zip(sensed.force_dofs, sensed.forces.T, sensed.force_std.T, strict=True)

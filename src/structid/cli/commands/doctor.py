@@ -110,13 +110,14 @@ def installation() -> Installation:
     """
     from threadpoolctl import threadpool_info
 
+    from structid.core.display import plural
     from structid.dynamics.factorization import factorizer, installed_factorizers
     from structid.study.run.resources import available_bytes
 
     default = factorizer().name
     names = sorted(installed_factorizers(), key=lambda name: name != default)
     blas = tuple(
-        f"{pool['internal_api']} {pool['version'] or ''}".strip() + f", {pool['num_threads']} threads"
+        f"{pool['internal_api']} {pool['version'] or ''}".strip() + f", {plural(pool['num_threads'], 'thread')}"
         for pool in threadpool_info()
     )
     allowed = getattr(os, "sched_getaffinity", None)

@@ -131,21 +131,21 @@ def judge_innovations(
     if unforced and not clear and not has_stated_noise:
         return InnovationVerdict(
             False,
-            f"{unforced}, in what no choice of these forces explains: the record states no noise, and 1 % of what each sensor"
-            " reads was taken; state it, for either it is another one, or the model is wrong, and bands may miss the truth",
+            f"{unforced}, and no choice of these forces explains it; the record states no noise, so that 1 % of each sensor's"
+            " reading was assumed: state the noise; if it is not that large, the model is wrong, and bands may miss the truth",
         )
     if unforced:
         return InnovationVerdict(
             True,
-            f"the model does not explain the record: {unforced}, in what no choice of these forces explains; the model is wrong,"
+            f"the model does not explain the record: {unforced}, and no choice of these forces explains it; the model is wrong,"
             " a force acts where none is named, or the sensors have more noise than stated, and bands may miss the truth",
         )
     if doubt:
         return InnovationVerdict(
             False,
-            f"{doubt}, in what no choice of these forces explains: a model that is right within its uncertainty does so under"
+            f"{doubt}, and no choice of these forces explains it: a model that is right within its uncertainty does so under"
             " forces of a narrow spectrum, but it may be wrong, a force may act where none is named, or the sensors may have more"
-            " noise than stated, and bands be too narrow by as much; compare with a sensor that is left out",
+            " noise than stated, and the bands may be too narrow by that factor; compare with a sensor that is left out",
         )
     if of_forces and forced.all():
         return InnovationVerdict(

@@ -9,7 +9,9 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof
-from structid.prediction.recovery import Output
+from structid.core.quantities import unit_text
+from structid.prediction.recovery import Output, output_unit
+from structid.records.record import QUANTITY_UNITS
 
 #: Error of a sensor that was left out, over its stated deviation, from which on the model or the forces are wrong there.
 LARGEST_CHECK = 2.0
@@ -98,6 +100,10 @@ class SensedMotion(Shown):
         """True where the model explains the record, also at the sensors that were left out."""
         return not self.contradiction and all(z < LARGEST_CHECK for _, z in self.checks)
 
+    def unit_of(self, output: Output) -> str:
+        """SI unit of the values of `output`: that of the motion along or about it, or of what is read from an element."""
+        return output_unit(output) or QUANTITY_UNITS[self.motion][isinstance(output, Dof) and output.is_rotation]
+
     def overview(self) -> Overview:
         """A table with the RMS over the record of each output and force and of its deviation, and checks of left-out sensors."""
         rows = [
@@ -105,9 +111,14 @@ class SensedMotion(Shown):
                 name,
                 format_number(float(np.sqrt(np.mean(value**2))), 3),
                 format_number(float(np.sqrt(np.mean(std**2))), 2),
+                unit_text(unit),
             )
-            for name, value, std in zip(
+            for name, unit, value, std in zip(
                 (*map(str, self.outputs), *(f"force at {dof}" for dof in self.force_dofs)),
+                (
+                    *map(self.unit_of, self.outputs),
+                    *(QUANTITY_UNITS["force"][dof.is_rotation] for dof in self.force_dofs),
+                ),
                 (*self.values.T, *self.forces.T),
                 (*self.std.T, *self.force_std.T),
                 strict=True,
@@ -116,6 +127,6 @@ class SensedMotion(Shown):
         told = "".join(f"; {dof}, left out: {format_number(z, 3)} times its stated deviation" for dof, z in self.checks)
         return Overview(
             f"{self.motion} at {join_words(self.outputs)} over {len(self.time)} samples{told}",
-            ("where", "rms", "± rms"),
+            ("where", "rms", "± rms", "unit"),
             rows,
         )

@@ -358,7 +358,7 @@ def read_study_text(path: str | Path) -> StudyText:
         message = re.sub(r" \(at .*\)$", "", str(error))
         if path.suffix.lower() != ".toml" and "structure" not in text:
             raise FileError(
-                f"{path}: is no study, which is a text file in TOML; `structid init` writes one, and a record is named in it"
+                f"{path}: is no study; a study is a text file in TOML; `structid init` writes one, and a record is named in it"
                 " as `path` of [record]"
             ) from error
         raise StudyError(f"{path}, line {line}{column}: not TOML: {message}; {_syntax_remedy(text, line)}") from error
