@@ -58,7 +58,9 @@ def test_dependency_of_three_is_found_whole():
     given = 1 / np.sqrt(np.diag(np.linalg.inv(own)))
     assert group.together == pytest.approx(given.max(), rel=1e-6)
     assert group.alone == pytest.approx(np.sqrt(np.diag(own)), rel=1e-6)
-    assert group.words.endswith("others known, each would be known to 1 %; as it is, each is known to 71 to 100 %")
+    assert group.words.endswith(
+        "others known, each would be known to 1 %; as it is, each is known to 71 to 100 % (noise alone)"
+    )
 
 
 def test_competing_dependencies_that_no_pair_shows_are_found():
