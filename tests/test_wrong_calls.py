@@ -176,3 +176,9 @@ def test_elements_as_drawn_are_said_in_the_summary():
     assert said in str(sid.identify(STRUCTURE, UNKNOWN, record))
     finer = sid.Structure({0: 0.0, 1: 0.3}, [BEAM], fixed=["0"], subdivide=2)
     assert said not in str(sid.identify(finer, sid.parameters(finer, [sid.Unknown("mass", "beam")]), record))
+
+
+def test_an_element_set_is_shown_by_what_it_has():
+    assert repr(BEAM) == "<Beam 'beam': 1 element, mass 2 kg/m, bending_stiffness 150 N m^2>"
+    springs = sid.Spring("springs", ["0X", "1X"], ["1X", "2X"], stiffness=[900.0, 800.0], loss_factor=0.02)
+    assert repr(springs) == "<Spring 'springs': 2 elements, stiffness 800 to 900 N/m, loss_factor 0.02>"

@@ -181,7 +181,7 @@ def element(cls: type[E]) -> type[E]:
 
     The parameters come after the summary, before sections of notes and references.
     """
-    decorated = dataclass(frozen=True, eq=False)(cls)
+    decorated = dataclass(frozen=True, eq=False, repr=False)(cls)
     decorated.__init__ = _with_known_arguments(decorated, decorated.__init__)  # type: ignore[method-assign]
     types, rows = declared_types(decorated), []
     for item in fields(decorated):
@@ -389,6 +389,17 @@ class ElementSet:
             object.__setattr__(self, name, value)
         self._require_properties_of_tolerance()
 
+    def __repr__(self) -> str:
+        """Class, name, number of elements, and the value or range of each property that is not 0."""
+        shown = [f"{len(self.nodes)} element{'' if len(self.nodes) == 1 else 's'}"]
+        for name, declaration in declarations(self).items():
+            values = np.atleast_1d(getattr(self, name)) if declaration.kind is not None else np.zeros(0)
+            if values.dtype.kind == "f" and values.any():
+                unit = "" if declaration.unit in ("", "1") else f" {declaration.unit}"
+                low, high = (f"{value:.5g}" for value in (values.min(), values.max()))
+                shown.append(f"{name} {low if low == high else f'{low} to {high}'}{unit}")
+        return f"<{type(self).__name__} {self.name!r}: {', '.join(shown)}>"
+
     def _require_properties_of_tolerance(self) -> None:
         """Raise `InputError` if `tolerance` names something that is no property of the type, nor `length` of a line.
 
@@ -548,12 +559,14 @@ def property_values(
     """
     stated = np.asarray(values)
     if stated.dtype.kind in "USO" and any(isinstance(item, str | bytes) for item in stated.ravel()):
-        raise InputError(f"`{name}` of {element!r} must be one number or {n_elements}, got text: {values!r}")
+        raise InputError(
+            f"`{name}` of {element!r} must be one number or {n_elements}, one for each element, got text: {values!r}"
+        )
     try:
         array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))
     except ValueError as error:
         raise InputError(
-            f"`{name}` of {element!r} must be one number or {n_elements}, got shape {np.shape(values)}"
+            f"`{name}` of {element!r} must be one number or {n_elements}, one for each element, got shape {np.shape(values)}"
         ) from error
     if signed and not np.isfinite(array).all():
         raise InputError(f"`{name}` of {element!r} must be finite, got {array.tolist()}")
