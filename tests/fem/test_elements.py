@@ -84,5 +84,5 @@ def test_bad_elements_are_refused_by_name(make, fragment):
 
 
 def test_text_is_refused_as_a_property():
-    with pytest.raises(InputError, match="`mass` of 'b' must be one number or 1, got text: '2'"):
+    with pytest.raises(InputError, match="`mass` of 'b' must be one number or 1, one for each element, got text: '2'"):
         Beam("b", [[1, 2]], mass="2", bending_stiffness=3.0)
