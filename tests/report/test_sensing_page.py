@@ -45,7 +45,7 @@ def test_a_long_history_is_drawn_by_the_extremes_of_bins():
 
 def test_a_contradicted_model_is_told_first():
     text = words(sensing_page(sensed("the model does not explain the record"), "Mast", "wind.h5").text)
-    assert text.index("Do not rely on this") < text.index("Motion where it is wanted")
+    assert text.index("Do not rely on this") < text.index("Motion at the wanted places")
     assert "The model does not explain the record." in text
     assert "the record hardly determines the force at 2X+" in text
     assert "Do not rely on this" not in words(sensing_page(sensed(), "Mast", "wind.h5").text)

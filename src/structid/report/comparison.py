@@ -8,7 +8,7 @@ from rich.text import Text
 
 from structid.compare.states import COMPARE_PAGE, ComparisonResult, DrawableStructure
 from structid.core.display import first_warnings
-from structid.core.quantities import number, percent, unit_text, with_std
+from structid.core.quantities import number, percent, prefixed, with_std
 from structid.inversion.state_comparison import Comparison
 from structid.report.drawing import palette
 from structid.report.drawing.changes import (
@@ -29,38 +29,39 @@ from structid.report.rendering import plot
 from structid.report.tables import Table, printed
 
 _HEADER = (
-    "Parameter", "Unit", "Baseline", "Later", "Change", "Std", "p", "p corrected", "Declared", "Detection limit",
+    "Parameter", "Baseline", "Later", "Unit", "Change", "Std", "p", "Declared", "Detection limit",
 )  # fmt: skip
 
 
 def comparison_table(result: ComparisonResult) -> Table:
     """Table of all compared parameters, one row each, in the order of `Comparison.order`, declared changes first.
 
-    Columns are name, unit, values before and after with standard deviations, relative change, its standard deviation,
-    p-value, adjusted p-value, mark ("changed" or "") and relative detection limit.
+    Columns are name, values before and after with standard deviations, their unit, relative change, its standard deviation,
+    the p-value corrected for the number of tests, mark ("changed" or "") and relative detection limit.
     """
     comparison = result.comparison
     order = comparison.order
     rows: list[tuple[str, ...]] = []
     for i in order:
-        before = with_std(float(comparison.before[i]), float(comparison.covariance_before[i, i]) ** 0.5)
-        after = with_std(float(comparison.after[i]), float(comparison.covariance_after[i, i]) ** 0.5)
+        before, after = float(comparison.before[i]), float(comparison.after[i])
+        factor, unit = prefixed(comparison.units[i], before, after)
+        variances = comparison.covariance_before[i, i], comparison.covariance_after[i, i]
+        std_before, std_after = (float(variance) ** 0.5 / factor for variance in variances)
         rows.append(
             (
                 comparison.names[i],
-                unit_text(comparison.units[i]),
-                before,
-                after,
+                with_std(before / factor, std_before),
+                with_std(after / factor, std_after),
+                unit,
                 percent(float(comparison.relative_change[i])),
                 percent(float(comparison.relative_std[i]), 2, signed=False),
-                _probability(float(comparison.p_values[i])),
                 _probability(float(comparison.adjusted[i])),
                 "changed" if comparison.changed[i] else "",
                 percent(float(comparison.relative_detection_limit[i]), 2, signed=False),
             )
         )
     marks = tuple("changed" if comparison.changed[i] else "" for i in order)
-    return Table(_HEADER, tuple(rows), (2, 3, 4, 5, 6, 7, 9), marks)
+    return Table(_HEADER, tuple(rows), (1, 2, 4, 5, 6, 8), marks)
 
 
 def facts(result: ComparisonResult) -> list[str]:
@@ -111,7 +112,8 @@ def comparison_page(result: ComparisonResult) -> Page:
     words = {
         "title": f"{result.baseline.title} → {result.later.title}",
         "complete": comparison.is_complete,
-        "any_changed": bool(comparison.changed.any()) or result.is_contradicted,
+        "any_changed": bool(comparison.changed.any()),
+        "is_contradicted": result.is_contradicted,
         "words": result.words,
         "warnings": result.warnings,
         "facts": facts(result)[1:],
@@ -154,7 +156,7 @@ def changes_figure(comparison: Comparison) -> plot.Figure:
     ):
         words = tuple(text for text, chosen in zip(texts, which, strict=True) if chosen)
         traces.append(plot.Curve(np.where(seen, ratio, 0.0)[which], heights[which], None, marker, label, words))
-    x = plot.Axis("change as a part of the baseline", "%", (-limit, limit))
+    x = plot.Axis("change", "%", (-limit, limit))
     return plot.Figure((plot.panel(x, plot.rows_axis(comparison.names), *traces),), plot.rows_size(len(heights)))
 
 

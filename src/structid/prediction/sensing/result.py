@@ -9,7 +9,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof
-from structid.core.quantities import unit_text
+from structid.core.quantities import number, unit_text
 from structid.prediction.recovery import Output, output_unit
 from structid.records.record import QUANTITY_UNITS
 
@@ -109,8 +109,8 @@ class SensedMotion(Shown):
         rows = [
             (
                 name,
-                format_number(float(np.sqrt(np.mean(value**2))), 3),
-                format_number(float(np.sqrt(np.mean(std**2))), 2),
+                number(float(np.sqrt(np.mean(value**2))), 3),
+                number(float(np.sqrt(np.mean(std**2))), 2),
                 unit_text(unit),
             )
             for name, unit, value, std in zip(
