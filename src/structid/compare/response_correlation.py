@@ -70,7 +70,9 @@ class ResponsesCorrelation:
         missing = [f"{resonance.measured:.5g}" for resonance in self.resonances if np.isnan(resonance.predicted)]
         if not missing:
             return ()
-        return (f"the model has no resonance within 15 % of those measured at {', '.join(missing[:6])} Hz",)
+        return (
+            f"at the lines of the record the model shows no resonance within 15 % of those measured at {', '.join(missing[:6])} Hz",
+        )
 
 
 def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "") -> ResponsesCorrelation:
