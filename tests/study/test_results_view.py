@@ -12,7 +12,7 @@ import pytest
 from structid.cli.summaries import identification_summary
 from structid.core.display import as_sentence
 from structid.core.json_types import json_text
-from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, Judgement
+from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, Judgement, far_outside_words
 from structid.report.identification import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view
@@ -86,7 +86,7 @@ def test_states_say_how_each_parameter_is_determined(result, rigid):
 def test_what_is_not_determined_is_advised_on_once(rigid):
     told = [words for words in rigid.view.advice if "not determined" in words]
     assert len(told) == 1
-    assert told[0].endswith("fix, tie, give a prior, or measure where it acts.")
+    assert told[0].endswith("fix, tie, give a prior, or measure where they act.")
     assert sum(words.startswith("The data determine") for words in rigid.view.advice) == 1
 
 
@@ -100,6 +100,17 @@ def test_a_verdict_has_one_sentence_or_the_second_that_says_why(result):
     assert view.advice[0] == "It is not all."
     long = "Approximate: the misfit is 2.1 times the assumed noise (10 % of each value); the intervals include it."
     assert judged(result, f"{long} Do not rely on k.", "approximate").headline == long
+
+
+def test_a_change_does_not_warn_of_a_value_that_is_not_determined(rigid):
+    long = "Approximate: the misfit is 2.1 times the assumed noise (10 % of each value); the intervals include it."
+    estimate = rigid.identification.estimate
+    lost = next(name for name, known in zip(estimate.names, estimate.identified, strict=True) if not known)
+    for name, is_told in ((lost, False), ("mass[other]", True)):
+        words = f"{long} The misfit falls 26 % if the base is flexible{far_outside_words(name)}."
+        advice = judged(rigid, words, "approximate").advice
+        assert advice[0].startswith("The misfit falls 26 % if the base is flexible")
+        assert ("do not rely on" in advice[0]) == is_told
 
 
 def test_what_the_verdict_says_of_the_record_is_not_said_again_as_a_warning(result):

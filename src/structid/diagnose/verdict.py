@@ -677,11 +677,13 @@ def _judged(
     if suggestions:
         first = suggestions[0]
         words += f" The misfit falls {100 * first.share:.0f} % if {first.words}"
-        # what the record does not determine is named as such, and needs no second warning
-        undetermined = {name for name, known in zip(estimate.names, estimate.identified, strict=True) if not known}
-        far = next((one for one in first.moved if one.distance > TOLD_SHIFT and one.name not in undetermined), None)
-        words += "." if far is None else f"; do not rely on {far.name}, which would then be far outside its interval."
+        words += f"{far_outside_words(first.moved[0].name)}." if first.moves > TOLD_SHIFT else "."
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, disagreements)))
+
+
+def far_outside_words(name: str) -> str:
+    """End of a sentence on a change of the model that would move the parameter `name` far outside its interval."""
+    return f"; do not rely on {name}, which would then be far outside its interval"
 
 
 def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
