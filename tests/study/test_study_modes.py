@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import sparse
+from scipy import linalg, sparse
 from typer.testing import CliRunner
 
 from structid import InputError, ModalRecord
@@ -19,12 +19,14 @@ from structid.records.formats import write_record
 from structid.report.identification import report_page
 from structid.report.identification_tables import modal_facts
 from structid.report.rendering import png
+from structid.study.results.folder import write_results
+from structid.study.results.stored_model import stored_model_error
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study
 from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.records.modes import ModeDeviations
 from structid.study.schema.study import load_study
-from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced
+from study_cases import CHAIN, NOISE, TRUE, chain_record, replaced, write_chain
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "ambient_storeys"
@@ -608,3 +610,28 @@ def test_what_a_study_says_wrongly_of_a_listing_is_named(tmp_path, keys, words):
     path, _ = as_listing(tmp_path, keys)
     with pytest.raises(InputError, match=words):
         load_study(path).setups[0].record.modes.load()
+
+
+def test_the_model_error_of_frfs_is_the_same_whichever_record_comes_first(tmp_path):
+    head = CHAIN[: CHAIN.index("[[unknown]]")]
+    head += '[[unknown]]\nproperty = "stiffness"\nelements = "ground"\n'
+    head += '[[unknown]]\nproperty = "viscous_damping"\nelements = "damper"\n'
+    of_modes = (
+        '[[record]]\nname = "modes"\npath = "modes.json"\n[record.modes]\nfrequency_error = 0.05\nshape_error = 0.1\n'
+    )
+    of_modes += '[record.structure]\nwithout = ["damper"]\n'  # which is an unknown of the FRFs alone
+    of_frfs = '[[record]]\nname = "frfs"\npath = "frf.npz"\n[record.noise]\nrelative = 0.001\n'
+    stiffness = np.array([[2000.0, -1000.0, 0.0], [-1000.0, 2000.0, -1000.0], [0.0, -1000.0, 1000.0]])
+    squares, shapes = linalg.eigh(stiffness, np.diag([2.0, 3.0, 1.0]))
+    record = ModalRecord(np.sqrt(squares) / (2 * np.pi), [np.nan] * 3, shapes, ["1X", "2X", "3X"])
+    parts = []
+    for name, records in (("modes", of_modes + of_frfs), ("frfs", of_frfs + of_modes)):
+        text = head + records + "[method]\nrestarts = 0\nuniqueness_starts = 0\n"
+        path = write_chain(tmp_path / name, text, chain_record().lines(np.arange(20, 170, 5)))
+        write_modes(path.parent / "modes.json", record)
+        result = run_study(load_study(path))
+        assert result.identification.estimate.covariance_basis == "model_error"
+        write_results(result, path.parent)
+        parts.append(stored_model_error(path.parent, result.study).part)
+    assert parts[0].max() > 0.01
+    np.testing.assert_allclose(parts[0], parts[1], rtol=1e-4, atol=1e-6)

@@ -163,12 +163,11 @@ def stored_spread(folder: Path, study: Study) -> ParameterSpread:
     return ParameterSpread(np.asarray(stored["initial"], dtype=float)[index], spread[np.ix_(index, index)])
 
 
-def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> ModelError | None:
+def stored_model_error(folder: Path, study: Study) -> ModelError | None:
     """Model error of predictions: the error of the fitted FRFs at each sensor when it is left out of the fit.
 
-    The FRFs are those of the results folder `folder`; `model` is its identified model of `study`.
-
-    None where the fit reaches the noise, and where no FRFs were fitted.
+    The FRFs and identified values are those of the results folder `folder` of `study`; of several records, the first
+    that is none of modes counts. None where the fit reaches the noise, and where no FRFs were fitted.
 
     Raises
     ------
@@ -176,7 +175,8 @@ def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> Mo
         If the folder's estimate.h5 holds FRFs but not all that belongs to them.
     """
     path = folder / "estimate.h5"
-    basis = texts_of(_read_group(path, "parameters", ("covariance_basis",))["covariance_basis"])[0]
+    identified = _read_group(path, "parameters", ("names", "values", "covariance_basis"))
+    basis = texts_of(identified["covariance_basis"])[0]
     stored = _read_group(path, "frf", (*_FITTED, "variance", "decay"))
     if basis != "model_error" or "frequency" not in stored:
         return None
@@ -193,7 +193,8 @@ def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> Mo
         decay=_floats(stored.get("decay")),
     )
     source = next(source for source in study.setups if source.record.modes is None)
-    physical = model.physical[: source.parameters.n_params]
+    value_of = dict(zip(texts_of(identified["names"]), np.asarray(identified["values"], dtype=float), strict=True))
+    physical = np.array([value_of[name] for name in source.parameters.names])
     predicted = np.asarray(stored["predicted"], dtype=complex)
     return ModelError.of_fit(source.structure, source.parameters, physical, record, predicted)
 

@@ -164,7 +164,7 @@ def predict_stored(
         raise InputError(f"`sensors` must name where the motion under `{loaded}` is wanted, got none", "sensors")
     several = partial(predict_changes, model, changes=changes) if changes else partial(predict_together, model)
 
-    error = stored_model_error(folder, source, model) if outputs else None
+    error = stored_model_error(folder, source) if outputs else None
 
     def of(*quantities: Quantity) -> list[Prediction] | list[PredictedChange]:
         return several(quantities, n_draws=options.draws, seed=options.seed, model_error=error)
