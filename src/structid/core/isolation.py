@@ -57,7 +57,7 @@ def paths_as_called(text: str) -> str:
         return text
 
     def shortened(match: re.Match[str]) -> str:
-        """ "" for a path that `match` has whole, "." for the folder itself; as it is in a path that the caller gave."""
+        """Replacement of the folder in `match`: ".", or "" before more of a path; itself in an absolute path given."""
         if any(text.startswith(absolute, match.start()) for absolute in _given_absolute):
             return match[0]
         return "" if match[1] else "."

@@ -133,7 +133,8 @@ class ModalModel:
     def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Factor of each sensor's reading, (n_channels,), and the derivative of its logarithm, (n_channels, n_errors).
 
-        `physical` are the parameters of the structure, then those of channel errors.
+        `physical` are the parameters of the structure, then those of channel errors. Without such errors the factors
+        are 1, and the derivative has no columns.
         """
         if self.errors is None:
             return np.ones(self.sensors.shape[1]), np.zeros((self.sensors.shape[1], 0))
