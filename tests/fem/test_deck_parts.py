@@ -219,6 +219,20 @@ def test_terms_of_a_constraint_along_turned_directions_add_up(deck):
     assert carried(part_of(deck(cards), "MPC").ties, moves) == pytest.approx({(2, "X"): along[0] + 3 * along[1]})
 
 
+@pytest.mark.parametrize(
+    ("cards", "suffix", "kind"),
+    [
+        ("CELAS2,1,5.,2,1,5,4\nENDDATA\n", ".bdf", "CELAS2"),
+        ("*ELEMENT, TYPE=SPRING2, ELSET=SP\n9, 5, 2\n*SPRING, ELSET=SP\n4, 1\n5.\n", ".inp", "SPRING"),
+    ],
+)
+def test_a_spring_between_a_translation_and_a_rotation_has_the_energy_of_the_file(deck, cards, suffix, kind):
+    [spring] = part_of(deck(cards, suffix, "mm"), kind).springs
+    moves = random_moves()
+    in_mm = 1e3 * moves[2][0]  # 5 N mm per unit of the difference between mm and rad
+    assert energy(spring, moves) == pytest.approx(5e-3 * (in_mm - moves[5][3]) ** 2)
+
+
 def test_cards_without_an_element_are_listed(deck):
     mesh = deck("CGAP,1,1,2,3\nGENEL,2\nCFOO,3,1,2\nDMIG,K2GG,0,6,1,0\nCAERO1,5\nPSHELL,1,1,.1,,,,,4.\nENDDATA\n")
     assert {part.kind: (part.count, part.obstacle) for part in mesh.parts} == {

@@ -325,12 +325,14 @@ def _spring_weights(
     components = [int(word) - 1 for word in row if word][: len(nodes)]
     if len(components) < len(nodes):
         raise ValueError(f"{kind} needs {len(nodes)} degrees of freedom")
+    is_rotation = any(component > 2 for component in components)
     weights: dict[tuple[int, str], float] = {}
     for node, component, sign in zip(nodes, components, (1.0, -1.0), strict=False):
         axis = deck.axes.get(node, np.eye(3))[component % 3]
-        for key, weight in weights_along(node, axis, component > 2, sign).items():
+        factor = sign * deck.units.displacement(component > 2, is_rotation)
+        for key, weight in weights_along(node, axis, component > 2, factor).items():
             weights[key] = weights.get(key, 0.0) + weight
-    return weights, "", components[0] > 2
+    return weights, "", is_rotation
 
 
 Ties = list[RigidLink | Constraint]

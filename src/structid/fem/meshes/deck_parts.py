@@ -54,6 +54,14 @@ class DeckUnits:
         """N/m or N m/rad; of dashpots with s."""
         return self.force * self.length if is_rotation else self.force / self.length
 
+    def displacement(self, is_rotation: bool, beside_rotation: bool) -> float:
+        """Factor on the motion of an end of a spring, m or rad: 1, but 1 / length for a translation beside a rotation.
+
+        `is_rotation` holds for this end, `beside_rotation` for any end. A mixed spring has the stiffness of one between
+        rotations, which multiplies translations in the length of the file.
+        """
+        return 1.0 / self.length if beside_rotation and not is_rotation else 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class NodalMass:

@@ -359,16 +359,16 @@ def _read_scalar_spring(
     values = [words[1], words[6]] if table is None else table[int(words[1])]
     if table is not None and name == "CELAS1" and int(words[1]) in deck.tabled("PELAST"):
         return _TABLED, DeckPart(name, 1)
+    both = ((-1.0, _whole(words[2]), words[3]), (1.0, _whole(words[4]), words[5]))
+    ends = [(sign, node, component) for sign, node, component in both if node]
+    if any(node not in deck.positions or component in ("", "0") for _, node, component in ends):
+        return _SCALAR, DeckPart(name, 1)
+    components = [_component_indices(component)[0] for _, _, component in ends]
+    is_rotation = any(component > 2 for component in components)
     weights: dict[tuple[int, str], float] = {}
-    is_rotation = False
-    for sign, node, component in ((-1.0, _whole(words[2]), words[3]), (1.0, _whole(words[4]), words[5])):
-        if node == 0:
-            continue
-        if node not in deck.positions or component in ("", "0"):
-            return _SCALAR, DeckPart(name, 1)
-        axis = _component_indices(component)[0]
-        is_rotation = axis > 2
-        for key, weight in weights_along(node, deck.axes_at(node)[axis % 3], is_rotation, sign).items():
+    for (sign, node, _), component in zip(ends, components, strict=True):
+        factor = sign * deck.units.displacement(component > 2, is_rotation)
+        for key, weight in weights_along(node, deck.axes_at(node)[component % 3], component > 2, factor).items():
             weights[key] = weights.get(key, 0.0) + weight
     if not any(weights.values()):
         return "it joins a component with itself", DeckPart(name, 1)
