@@ -159,8 +159,9 @@ def test_records_of_set_ups_are_merged_with_a_page(folder):
         told = bench.post("beside", beside)[1]
         assert np.diag(told["mac"]).min() > 0.98
         assert np.abs(told["difference"]).max() < 0.01
-        status, found = bench.post("merge", {**ask, "records": ["a.h5", "saved/modes.json"], "out": "mixed"})
+        status, found = bench.post("merge", {**ask, "records": ["a.h5", "saved/modes.json"], "replace": True})
         assert (status, "save the modes of each record" in found["error"]) == (422, True)
+        assert "page" not in found  # the report of the earlier merge is not that of this one
     assert json.loads((folder / "both" / "modes.json").read_text())["channels"] == ["1X+", "2X+", "3X+"]
 
 

@@ -23,7 +23,7 @@ from structid.core.errors import InputError  # noqa: E402
 from structid.core.isolation import start_child  # noqa: E402
 from structid.study.templates import TEMPLATES, template_with, write_study  # noqa: E402
 from structid.workbench.folder import open_study_folder  # noqa: E402
-from structid.workbench.runs import Runs  # noqa: E402
+from structid.workbench.runs import Run, Runs  # noqa: E402
 
 _PATIENCE = 240.0
 
@@ -236,6 +236,17 @@ def test_the_first_lines_of_a_table_are_shown_as_they_stand(open_folder):
     status, answer = bench.post("lines", {"record": "lab.csv", "encoding": "klingon"})
     assert (status, answer["error"]) == (422, "there is no encoding 'klingon'; write utf-8, cp1252 or utf-16")
     assert bench.post("lines", {"record": "../lab.csv"})[0] == 403
+    status, answer = bench.post("lines", {"record": "gone.csv"})
+    assert (status, answer["error"]) == (422, "gone.csv: is not there any more; it was moved or removed")
+
+
+def test_progress_goes_on_where_it_was_read_to(tmp_path):
+    (tmp_path / "progress.jsonl").write_text('{"words": "a"}\n{"words": "b"}\n{"words"', encoding="utf-8")
+    run = Run(open_study_folder(tmp_path), tmp_path)
+    for after, words in ((-3, ["a", "b"]), (0, ["a", "b"]), (15, ["b"]), (30, []), (99, [])):
+        found = run.progress(after)
+        assert [one["words"] for one in found["lines"]] == words
+        assert found["at"] == max(after, 30)
 
 
 def test_the_time_for_causes_goes_to_the_command(folder, monkeypatch):

@@ -295,13 +295,15 @@ async def _lines(bench: Workbench, request: Request) -> Response:
     """Answer with ``lines``, the first 12 lines of a text file, each cut after 400 characters.
 
     Of the file 20 kB are read. The body names the ``record`` and may name the ``encoding``, UTF-8 by default; signs
-    that it does not have are replaced. `InputError` for an unknown encoding.
+    that it does not have are replaced. `InputError` for an unknown encoding, `FileError` for a missing file.
     """
     body = await request.json()
     path, encoding = bench.opened.inside(body["record"]), str(body.get("encoding") or "utf-8")
-    content = await asyncio.to_thread(read_start, path, _PREVIEW_BYTES)
     try:
+        content = await asyncio.to_thread(read_start, path, _PREVIEW_BYTES)
         text = content.decode(encoding, "replace")
+    except FileNotFoundError:
+        raise FileError(f"{body['record']}: is not there any more; it was moved or removed") from None
     except LookupError:
         raise InputError(f"there is no encoding {encoding!r}; write utf-8, cp1252 or utf-16") from None
     lines = text.splitlines()[:_PREVIEW_LINES]
@@ -318,15 +320,17 @@ def _modes_folder(name: str, *keys: str) -> Handler:
         """JSON answer of the function `name` and, as ``page``, the address of the written report ("" if there is none).
 
         The body of `request` has ``out``, the folder to write, and the `keys`. `ChangedError` if the folder exists and the body
-        does not say ``replace``.
+        does not say ``replace``. If the function fails, status 422 with its ``error`` alone.
         """
         body = await request.json()
         if bench.opened.inside(body["out"]).exists() and not body.get("replace"):
             raise ChangedError(f"{body['out']}: is there already; give another folder, or replace what is in it")
         answer = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
+        if "error" in answer:
+            return Json(answer, 422)
         page = f"{body['out']}/report.html"
         shown = bench.shown(page) if bench.opened.inside(page).is_file() else ""
-        return Json({**answer, "page": shown}, 422 if "error" in answer else 200)
+        return Json({**answer, "page": shown})
 
     return asked
 

@@ -146,12 +146,13 @@ class Run:
     def progress(self, after: int) -> dict[str, Any]:
         """Summary of the run with its progress records from byte `after` of the file on, and the end of its log.
 
-        ``lines`` are the records, at most 4 MB; ``at`` is the byte to continue from; ``log`` holds the last 20 kB.
+        ``lines`` are the records, at most 4 MB; ``at`` is the byte to continue from; ``log`` holds the last 20 kB. An
+        `after` below 0 counts as 0.
         """
-        path, at = self.folder / "progress.jsonl", after
+        path, at = self.folder / "progress.jsonl", max(after, 0)
         lines: list[dict[str, Any]] = []
         with suppress(OSError, OverflowError):
-            text = read_part(path, max(after, 0), 4_000_000)
+            text = read_part(path, at, 4_000_000)
             whole = text[: text.rfind(b"\n") + 1]
             at += len(whole)
             lines = [told for line in whole.splitlines() if isinstance(told := parse_json(line), dict)]
