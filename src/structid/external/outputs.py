@@ -103,7 +103,7 @@ class OneFile(ABC):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files of a run that are kept."""
+        """Names of the files of a run that are kept: the one file that is read."""
         return (self.path,)
 
     @abstractmethod

@@ -235,7 +235,7 @@ class Identification(Shown, IdentificationPlots):
         )
 
     def overview(self) -> Overview:
-        """Overview of the estimate."""
+        """Text with the outcome of the estimate, above a table with a row for each parameter."""
         return self.estimate.overview()
 
     def summary(self) -> str:

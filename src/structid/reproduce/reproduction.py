@@ -57,7 +57,7 @@ def reproduce(chapters: Iterable[int] = CHAPTERS, progress: Progress | None = No
 
 
 def _module(chapter: int) -> ModuleType:
-    """The module of one chapter."""
+    """The module of `structid.reproduce` that computes the items of a chapter: 3, 4 or 5."""
     return importlib.import_module(f"structid.reproduce.chapter_{chapter}")
 
 

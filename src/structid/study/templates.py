@@ -161,7 +161,7 @@ def number(value: float) -> str:
 
 
 def unknown(property: str, elements: str, each: bool = False) -> str:
-    """An ``[[unknown]]`` table."""
+    """TOML text of an ``[[unknown]]`` table for a property of element sets; with `each` for every element alone."""
     return f'\n[[unknown]]\nproperty = "{property}"\nelements = {json.dumps(elements, ensure_ascii=False)}\n' + (
         "each = true\n" if each else ""
     )

@@ -66,7 +66,7 @@ class NamedUnknowns:
         return self.transforms.free(self.start)
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        """Physical values, (n_params,)."""
+        """Values in physical units, (n_params,), at the free variables `theta`, (n_params,)."""
         return self.transforms.physical(theta)
 
     def slope(self, theta: FloatArray) -> FloatArray:

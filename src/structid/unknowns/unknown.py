@@ -289,7 +289,7 @@ class ParameterGroup:
 
     @cached_property
     def is_bounded(self) -> bool:
-        """True if they have an upper bound."""
+        """True if the parameters of the group have an upper limit, by declared bounds or by their property."""
         return self.unknown.bounds is not None or bool(np.isfinite(self._property_limits[1]))
 
     @cached_property

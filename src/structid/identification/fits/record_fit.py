@@ -78,7 +78,7 @@ class RecordFit:
 
     @property
     def predicted_initial(self) -> ComplexArray:
-        """The initial model's."""
+        """FRFs of the initial model at the lines that were fitted, (n_lines, n_outputs, n_inputs)."""
         return self.used.initial
 
     @property
@@ -88,12 +88,12 @@ class RecordFit:
 
     @property
     def evaluation_predicted(self) -> ComplexArray:
-        """The identified model's FRF there."""
+        """FRFs of the identified model at the lines on which the fit is judged, (n_lines, n_outputs, n_inputs)."""
         return self.judged.final
 
     @property
     def evaluation_initial(self) -> ComplexArray:
-        """The initial model's."""
+        """FRFs of the initial model at the lines on which the fit is judged, (n_lines, n_outputs, n_inputs)."""
         return self.judged.initial
 
     @property

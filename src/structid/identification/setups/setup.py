@@ -126,7 +126,10 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         return ""
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: TaskExecutor) -> Estimate:
-        """The estimate by `own_estimator`."""
+        """The estimate by an estimator of the set-up's own.
+
+        `TypeError` for a set-up whose problem is to be searched.
+        """
         raise TypeError("the record has no estimator of its own; search its problem")
 
     def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:

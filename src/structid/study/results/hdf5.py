@@ -78,7 +78,7 @@ def _put(group: h5py.Group, name: str, values: ArrayLike, unit: str = "") -> Non
 
 
 def _texts(group: h5py.Group, name: str, values: Iterable[object]) -> None:
-    """Texts as bytes of one length."""
+    """Write `values`, turned into texts, as the dataset `name` of byte strings of one length."""
     group.create_dataset(name, data=np.array([str(value).encode() for value in values], dtype="S"), track_times=False)
 
 

@@ -111,7 +111,7 @@ class StudyResult(Shown):
 
     @property
     def estimate(self) -> Estimate:
-        """Values and their uncertainty."""
+        """Identified values of all parameters, with their uncertainty and the search."""
         return self.identification.estimate
 
     @cached_property

@@ -169,7 +169,7 @@ class ChannelFit:
 
     @property
     def name(self) -> str:
-        """Sensor and load."""
+        """Names of sensor and load of the FRF, as in ``3X+/1X+``."""
         return f"{self.output}/{self.input}"
 
 

@@ -154,7 +154,7 @@ class Checkpoint:
         self._written = time.monotonic()
 
     def close(self) -> None:
-        """Let another run have the folder."""
+        """Give up the claim of this run on the folder, so that another run may have it; its files stay."""
         release(self.folder)
 
     def remove(self) -> None:

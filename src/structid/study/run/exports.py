@@ -502,7 +502,7 @@ def _vtu_text(
 
 
 def _vtu_section(name: str, arrays: Mapping[str, AnyArray]) -> list[str]:
-    """Lines of one section of the file."""
+    """Lines of the section called `name` of a .vtu file: its tags, between them a line for each array by name."""
     return [f"<{name}>", *(_array_line(key, values) for key, values in arrays.items()), f"</{name}>"]
 
 

@@ -199,7 +199,7 @@ class LongRun:
         return {**self.reached.summary(), "finished_searches_and_tasks": done}
 
     def close(self) -> None:
-        """End what the workers started."""
+        """End the processes or the connection of the workers of this run."""
         self.workers.close()
 
 

@@ -98,7 +98,7 @@ class MotionResult:
 
     @property
     def record_bytes(self) -> int:
-        """Size of all records on disk."""
+        """Size of the files of all records, in bytes."""
         return sum(record.path.stat().st_size for record in self.records)
 
     @property
@@ -249,7 +249,7 @@ class MotionTaskData:
 
     @cached_property
     def start(self) -> RecursiveMotionFit:
-        """The fit before any sample."""
+        """The fit of structure and unknowns before any sample is added."""
         return motion_fit(self.structure, self.unknown)
 
     @cached_property

@@ -370,7 +370,7 @@ def available_bytes() -> int:
 
 
 def resident_bytes() -> int:
-    """Memory of this process now."""
+    """Memory that this process has resident now, in bytes."""
     return int(psutil.Process().memory_info().rss)
 
 

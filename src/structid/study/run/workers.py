@@ -102,7 +102,7 @@ class Workers(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End what was started."""
+        """End the processes or connections that these workers started."""
 
 
 class InProcess(Workers):
@@ -128,7 +128,7 @@ class InProcess(Workers):
             yield number, result
 
     def close(self) -> None:
-        """Nothing was started."""
+        """Do nothing, since tasks in this process start no other."""
 
 
 class RemoteWorkers(Workers):
@@ -163,12 +163,12 @@ class RemoteWorkers(Workers):
 
     @abstractmethod
     def lost(self, error: BaseException, is_last: bool) -> None:
-        """Make good a loss.
+        """Make workers ready again after `error`, by which some of them were lost.
 
         Raises
         ------
         WorkersLostError
-            If `is_last`, or it cannot be made good.
+            If `is_last`, as no further loss is allowed, or the workers cannot be made ready.
         """
 
     def require_alive(self) -> None:

@@ -138,7 +138,7 @@ def _tuple(value: JsonValue) -> JsonValue:
 
 
 def choice(*names: str) -> Kind:
-    """A text that is one of `names`."""
+    """The kind of a text that is one of `names`."""
     return Kind("one of " + ", ".join(f'"{name}"' for name in names), {"type": "string", "enum": list(names)})
 
 

@@ -89,7 +89,7 @@ class PlanStudy:
 
     @property
     def text(self) -> str:
-        """The file, word for word."""
+        """Text of the study file, word for word."""
         return self.root.source.text
 
 

@@ -324,7 +324,7 @@ def record_sections(root: Section) -> list[Section]:
 
 
 def title_of(root: Section) -> str:
-    """The title of the study."""
+    """The title of a study, by default the name of its file without the suffix; `root` is its root section."""
     return str(root.table.get("title", root.source.path.stem))
 
 

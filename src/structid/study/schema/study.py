@@ -89,7 +89,7 @@ class Study(Shown):
 
     @property
     def text(self) -> str:
-        """The file, word for word."""
+        """Text of the study file, word for word."""
         return self.root.source.text
 
     @property
@@ -196,7 +196,7 @@ class SetupSource:
 
     @property
     def section(self) -> Section:
-        """``[record]``."""
+        """The section ``[record]`` of this set-up."""
         return self.record.section
 
     def require_channels(self, setup: AnySetup) -> None:

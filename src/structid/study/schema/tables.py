@@ -126,7 +126,7 @@ class Table:
 
     @property
     def defaults(self) -> Given:
-        """Default of each key that has one."""
+        """Default of each key that has one, by the name of the key."""
         return {name: key.default for name, key in self.keys.items() if key.default is not None}
 
     @property

@@ -128,7 +128,7 @@ class ModesSource:
 
     @property
     def modes_section(self) -> Section:
-        """``[record.modes]``."""
+        """The section ``[record.modes]``, or ``[record]`` if there is none."""
         return self.section.section("modes") or self.section
 
     def load(self) -> ModalRecord:
