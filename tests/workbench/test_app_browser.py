@@ -432,7 +432,7 @@ def test_two_pages_and_a_hand_change_one_study(page, browser, screens, tmp_path)
         page.get_by_role("button", name="Save").click()
         page.get_by_text("Unclosed array").first.wait_for()
         page.goto(bench.address + "#structure/study.toml")
-        page.get_by_text("This study is no TOML as it stands").wait_for()
+        page.get_by_text("This study is not valid TOML").wait_for()
         # a record that is removed while the study is open is told
         write_by_hand(page, study, (ROOT / "examples" / "first_structure" / "study.toml").read_text(encoding="utf-8"))
         page.goto(bench.address + "#records/study.toml")
@@ -624,7 +624,7 @@ def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
         page.get_by_role("button", name="Add", exact=True).click()
         page.get_by_role("button", name="Remove the gain of 3Y+").wait_for()
         page.get_by_role("button", name="Show record 2: second.npz").click()
-        page.get_by_text("All channels are taken to be right").wait_for()
+        page.get_by_text("All channels are assumed to be right").wait_for()
         page.get_by_label("Error", exact=True).select_option("polarity")
         page.get_by_label("Channels", exact=True).select_option("outputs 2Y+")
         page.get_by_role("button", name="Add", exact=True).click()
@@ -638,7 +638,7 @@ def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
         assert bench.get("check", study="beam.toml")[0] == 200
 
         page.get_by_role("button", name="Remove the polarity of 2Y+").click()
-        page.get_by_text("All channels are taken to be right").wait_for()
+        page.get_by_text("All channels are assumed to be right").wait_for()
         page.get_by_role("button", name="Take out record 2: second.npz").click()
         page.get_by_text("Record of the study", exact=True).wait_for()
         assert study.read_text(encoding="utf-8").count("[[record]]") == 1

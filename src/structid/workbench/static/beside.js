@@ -32,7 +32,7 @@ export function besideCard(app, found) {
       fill(
         box,
         h("h2", {}, "Beside the model"),
-        h("p", {class: "muted"}, "Open a study above to hold modes against its model."),
+        h("p", {class: "muted"}, "Open a study above to compare modes with its model."),
       );
       return;
     }

@@ -245,7 +245,7 @@ function broken() {
   return h(
     "div",
     {class: "card bad"},
-    h("h2", {}, "This study is no TOML as it stands"),
+    h("h2", {}, "This study is not valid TOML"),
     h("p", {}, `Line ${app.now.broken.line}: ${app.now.broken.words}`),
     h("a", {class: "button", href: `#text/${encodeURIComponent(app.study)}`}, "Show it at its line"),
   );

@@ -11,7 +11,7 @@ const TOOLS = [
     "Choose and move",
     "Click a node to choose it, drag it to move it; drag elsewhere to turn, Shift and drag to move the picture",
   ],
-  ["node", "Add nodes", "Click where a node is to be"],
+  ["node", "Add nodes", "Click where the node goes"],
   ["element", "Add elements", "Click one node after the other; Escape ends the chain"],
 ];
 

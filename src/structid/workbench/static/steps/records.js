@@ -184,7 +184,7 @@ function channelErrors(box, app, found) {
           ["error", "channels", "", "start", "prior", ""],
           errors.map((one, k) => errorRow(app, one, k, edit)),
         )
-      : h("p", {class: "muted"}, "All channels are taken to be right."),
+      : h("p", {class: "muted"}, "All channels are assumed to be right."),
     newError(app, channelChoices(app, found), edit),
   );
 }

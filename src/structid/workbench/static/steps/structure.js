@@ -507,13 +507,13 @@ function leaking(app, warnings) {
           {set: [...path, "time", "fit"], to: '"spectra"'},
           {set: [...path, "time", "relative_noise"], to: String(numberIn(noise, {least: 1e-6}) / 100)},
         ],
-        "The histories are fitted themselves now, which has no leakage",
+        "The histories themselves are fitted now, without leakage",
       ),
     ),
     h(
       "p",
       {class: "note"},
-      "Histories that are fitted themselves leak nothing; they need the noise of the channels. Averaged FRFs then only illustrate the fit.",
+      "A fit of the histories themselves has no leakage, and needs the noise of the channels. Averaged FRFs then only illustrate the fit.",
     ),
   );
 }
@@ -592,8 +592,8 @@ const incomplete = (study, hasRecord) =>
     "p",
     {},
     hasRecord
-      ? "What its record can determine is told once the study says what you look for: "
-      : "The study can be read. What data can determine is told once there is a record, or by a plan: ",
+      ? "Say what you look for, and this page shows what the record can determine: "
+      : "The study can be read. A record, or a plan, shows what data can determine: ",
     h("a", {href: `#unknowns/${encodeURIComponent(study)}`}, "step Unknowns"),
     ".",
   );

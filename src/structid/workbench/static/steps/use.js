@@ -197,7 +197,7 @@ function asked(app, results, facts, fits) {
     h(
       "p",
       {class: "note"},
-      "A file of forces, or of accelerations or displacements of supports, from rest. A filter against aliasing is what measured loads went through; designed pulses and steps did not.",
+      "A file of forces, or of accelerations or displacements of supports, from rest. Measured loads have passed a filter against aliasing; designed pulses and steps have not.",
     ),
     h(
       "div",
