@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
+from numpy.lib.stride_tricks import sliding_window_view
 
 from structid.core.arrays import FloatArray
 from structid.diagnose.thresholds import (
@@ -49,6 +49,17 @@ def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
     return found
 
 
+def _level_about(size: FloatArray) -> FloatArray:
+    """Median of the misfit `size` (n_lines,) over the lines about each line, at least 1."""
+    level: FloatArray = np.maximum(np.median(_neighbours(size, LINES_ABOUT), axis=1), 1.0)
+    return level
+
+
+def _neighbours(size: FloatArray, width: int) -> FloatArray:
+    """The `width` (odd) values of `size` (n_lines,) about each line, (n_lines, width); beyond the ends the end value again."""
+    return sliding_window_view(np.pad(size, width // 2, mode="edge"), width)
+
+
 def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
     """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``, in rising order.
 
@@ -58,8 +69,7 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
     """
     frequency = problem.frequency
     size = misfit_of_lines(problem, residual)
-    level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)
-    out = np.flatnonzero(size > OUTLYING_LINE * level)
+    out = np.flatnonzero(size > OUTLYING_LINE * _level_about(size))
     if not 0 < len(out) <= max(3, len(frequency) // 10):
         return ()
     runs = [run for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if len(run) <= LONGEST_OUTLIER]
@@ -78,8 +88,8 @@ def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
     frequency. `residual` (n_data,) is the whitened residual of the problem.
     """
     frequency, size = problem.frequency, misfit_of_lines(problem, residual)
-    level = np.maximum(ndimage.median_filter(size, LINES_ABOUT, mode="nearest"), 1.0)
-    peaks = np.flatnonzero((size == ndimage.maximum_filter(size, 2 * TONE_SKIRT + 1)) & (size > OUTLYING_LINE * level))
+    is_largest = size == _neighbours(size, 2 * TONE_SKIRT + 1).max(axis=1)
+    peaks = np.flatnonzero(is_largest & (size > OUTLYING_LINE * _level_about(size)))
     found = []
     for k in peaks[np.argsort(-size[peaks])][:MOST_TONES].tolist():
         if max(size[max(k - TONE_SKIRT, 0)], size[min(k + TONE_SKIRT, len(size) - 1)]) > size[k] / TONE_SKIRT**2:
