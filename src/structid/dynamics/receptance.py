@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import LibController, ThreadpoolController
 
 from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.errors import SingularModelError
@@ -124,14 +124,20 @@ class LineFactor:
 @contextmanager
 def single_blas() -> Iterator[None]:
     """BLAS with one thread: factorizations and products of this size lose time to more."""
-    with _thread_pools().limit(limits=1, user_api="blas"):
+    changed = [(library, count) for library in _blas_libraries() if (count := library.num_threads) != 1]
+    try:
+        for library, _ in changed:
+            library.set_num_threads(1)
         yield
+    finally:
+        for library, count in changed:
+            library.set_num_threads(count)
 
 
 @cache
-def _thread_pools() -> ThreadpoolController:
-    """The controller of the loaded BLAS libraries: factorizations of this size lose time to more than one thread."""
-    return ThreadpoolController()
+def _blas_libraries() -> tuple[LibController, ...]:
+    """The loaded BLAS libraries, whose numbers of threads are asked for and set."""
+    return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
 def singular_model(low: float, high: float) -> SingularModelError:
