@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -162,24 +161,8 @@ class Pattern:
         total.eliminate_zeros()
         return total
 
-    def dense(self, weights: np.ndarray) -> FloatArray:
-        """Weighted sum of all element matrices as a dense (n_dofs, n_dofs) array.
-
-        `weights` hold one number for each element, family by family.
-        """
-        size = len(self.starts) - 1
-        total = np.zeros(size * size)
-        total[self._flat] = self._data(weights)
-        return total.reshape(size, size)
-
     def _data(self, weights: np.ndarray) -> FloatArray:
         return np.asarray(np.bincount(self.entry, self.value * weights[self.element], len(self.indices)), np.float64)
-
-    @cached_property
-    def _flat(self) -> IntArray:
-        """Indices (n_entries,) of the entries of the pattern in a flattened dense array."""
-        size = len(self.starts) - 1
-        return self.indices.astype(np.int64) * size + np.repeat(np.arange(size), np.diff(self.starts))
 
 
 def pattern(families: Sequence[ElementMatrices]) -> Pattern:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -284,6 +284,84 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
     """Sum of sparse matrices of one shape."""
     first, *others = matrices
     return sparse.csr_array(sum(others, first))
+
+
+class WeighedEntries(NamedTuple):
+    """Entries of the element matrices of several contributions, with the weight that multiplies each; (n_entries,) each.
+
+    Columns are raised by n_dofs times the index of the matrix that an entry belongs to. Weights are numbered through all
+    contributions.
+    """
+
+    row: IntArray
+    column: IntArray
+    weight: IntArray
+    value: FloatArray
+
+
+def weighed_entries(contributions: Sequence[Contribution], kinds: Sequence[str], n_dofs: int) -> WeighedEntries:
+    """Entries of all element matrices of `contributions`, all of one of the `kinds` of matrices, in their order."""
+    entries_of = {id(part.blocks): part.blocks.entries() for part in contributions}
+    none: IntArray = np.zeros(0, dtype=np.int64)
+    pieces, first = [WeighedEntries(none, none, none, np.zeros(0))], 0
+    for part in contributions:
+        row, column, element, value = entries_of[id(part.blocks)]
+        pieces.append(WeighedEntries(row, kinds.index(part.matrix_kind) * n_dofs + column, first + element, value))
+        first += part.blocks.n_elements
+    return WeighedEntries(*(np.concatenate(arrays) for arrays in zip(*pieces, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class DenseSum:
+    """Dense matrices as sums of weighed element matrices, for any property values; made by `dense_sum`.
+
+    Attributes
+    ----------
+    shape : (n_matrices, n_dofs, n_dofs)
+    place, weight : (n_entries,) int arrays
+        Where in the flattened matrices each entry of an element matrix belongs, and the index of its weight.
+    value : (n_entries,) float array
+    factors : (2, n_weights) int array
+        Indices of the two values whose product is a weight; that after the last value stands for a factor of 1.
+    scaled : tuple of (slice, Factor)
+        Weights that have a further factor, and what gives it.
+    """
+
+    shape: tuple[int, int, int]
+    place: IntArray
+    weight: IntArray
+    value: FloatArray
+    factors: IntArray
+    scaled: tuple[tuple[slice, Factor], ...]
+
+    def at(self, values: FloatArray) -> FloatArray:
+        """The matrices, (n_matrices, n_dofs, n_dofs), at the property `values` (n_values,)."""
+        first, second = np.append(values, 1.0)[self.factors]
+        weights = first * second
+        for part, factor in self.scaled:
+            weights[part] *= factor.of(values)
+        return np.bincount(self.place, self.value * weights[self.weight], math.prod(self.shape)).reshape(self.shape)
+
+
+def dense_sum(contributions: Sequence[Contribution], kinds: Sequence[str], n_dofs: int, n_values: int) -> DenseSum:
+    """The matrices of several `kinds` as dense sums of the element matrices of `contributions`, for `n_values` values.
+
+    Matrices without contributions are zero; contributions of other kinds are left out.
+    """
+    parts = [part for part in contributions if part.matrix_kind in kinds]
+    row, column, weight, value = weighed_entries(parts, kinds, n_dofs)
+    matrix, column = np.divmod(column, n_dofs) if n_dofs else (column, column)
+    numbers, scaled, first = np.arange(n_values), [], 0
+    factors: list[IntArray] = [np.zeros((2, 0), dtype=np.int64)]
+    for part in parts:
+        own = numbers[part.value]
+        other = np.full_like(own, n_values) if part.factor is None else numbers[part.factor]
+        factors.append(np.stack([own, other]))
+        if part.scale is not None:
+            scaled.append((slice(first, first + len(own)), part.scale))
+        first += len(own)
+    place = (matrix * n_dofs + row) * n_dofs + column
+    return DenseSum((len(kinds), n_dofs, n_dofs), place, weight, value, np.hstack(factors), tuple(scaled))
 
 
 def weigh_properties(

@@ -21,7 +21,9 @@ from structid.fem.component import Component, Reduction, reductions
 from structid.fem.contribution import (
     MATRIX_KINDS,
     Contribution,
+    DenseSum,
     Property,
+    dense_sum,
     rigid_mass,
     strain_operator,
     weigh_properties,
@@ -483,12 +485,15 @@ class Structure(Shown, StructurePlots):
         They are on the free degrees of freedom, SI units, in the order of `kinds` ("mass", "damping", "stiffness",
         "structural_damping" or ``friction:NAME``); zeros where the structure has no such matrix.
         """
-        matrices = np.zeros((len(kinds), self.n_dofs, self.n_dofs))
-        for matrix, kind in zip(matrices, kinds, strict=True):
-            weights = [part.weights(values) for part in self.contributions if part.matrix_kind == kind]
-            if weights:
-                matrix[:] = self._pattern(kind).dense(np.concatenate(weights))
-        return matrices
+        key = tuple(kinds)
+        if key not in self._dense_sums:
+            self._dense_sums[key] = dense_sum(self.contributions, key, self.n_dofs, len(self.values))
+        return self._dense_sums[key].at(values)
+
+    @cached_property
+    def _dense_sums(self) -> dict[tuple[str, ...], DenseSum]:
+        """Dense matrices of several kinds as sums of element matrices, for small models, by the kinds asked for."""
+        return {}
 
     def _pattern(self, kind: str) -> Pattern:
         """Common sparsity pattern of the element matrices of one kind, such as "mass"; made once."""

@@ -19,7 +19,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.last_results import LastResults
 from structid.fem import Structure
 from structid.fem.blocks import Blocks, ElementMatrices, index_kind
-from structid.fem.contribution import Contribution
+from structid.fem.contribution import weighed_entries
 
 #: Most entries of forces that are held at once; and of small models, where they are to stay near the processor.
 _CHUNK_ENTRIES, _NEAR_ENTRIES = 4_000_000, 65_536
@@ -352,7 +352,7 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
         first = weights_of_item.stop
     none: IntArray = np.zeros(0, dtype=np.int64)
     pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
-    row, column, weight, value = _weighed_entries(members, matrix_kinds, n_dofs)
+    row, column, weight, value = weighed_entries(members, matrix_kinds, n_dofs)
     for of_value, of_slope in zip(values, slopes, strict=True):
         known = of_value[weight] >= 0
         entries = row[known], column[known], weight[known], value[known]
@@ -372,26 +372,6 @@ def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: spar
         maps.append((matrix_index, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
     forces = DenseForces(pattern % n_dofs, pattern // n_dofs, tuple(maps), table.shape[1])
     return DenseSlopes(structure, tuple(slots), forces, tuple(operators))
-
-
-def _weighed_entries(
-    members: Sequence[Contribution], matrix_kinds: Sequence[str], n_dofs: int
-) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Entries of all element matrices of the contributions `members`: row, column, index of the element weight, value.
-
-    Columns are raised by `n_dofs` times the index of the matrix in `matrix_kinds`; weights are numbered through all
-    contributions. All four are (n_entries,).
-    """
-    known = {id(item.blocks): item.blocks.entries() for item in members}
-    none: IntArray = np.zeros(0, dtype=np.int64)
-    pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
-    first = 0
-    for item in members:
-        row, column, element, value = known[id(item.blocks)]
-        pieces.append((row, matrix_kinds.index(item.matrix_kind) * n_dofs + column, first + element, value))
-        first += item.blocks.n_elements
-    row, column, weight, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
-    return row, column, weight, value
 
 
 def _derivative_entries(
