@@ -51,11 +51,17 @@ class Channels:
 
     def under_loads(self, fields: NumberArray) -> NumberArray:
         """Fields under the loads, signs included, from fields (..., n_columns) under all `columns`."""
-        return fields[..., self.inputs[0]] * self.inputs[1]
+        return fields[..., _as_slice(self.inputs[0])] * self.inputs[1]
 
     def under_sensors(self, fields: NumberArray) -> NumberArray:
         """Fields under loads at sensors and contacts, signs included, from fields (..., n_columns) under all `columns`."""
-        return fields[..., self.outputs[0]] * self.outputs[1]
+        return fields[..., _as_slice(self.outputs[0])] * self.outputs[1]
+
+
+def _as_slice(index: IntArray) -> slice | IntArray:
+    """The `index` (n,) as a slice where it counts up by one, which takes no copy; as it is otherwise."""
+    counts_up = len(index) > 0 and (np.diff(index) == 1).all()
+    return slice(int(index[0]), int(index[-1]) + 1) if counts_up else index
 
 
 def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:

@@ -24,6 +24,7 @@ _MOST_ITERATIONS = 60
 _STUCK = 1e-4
 #: A Newton step by no more than this part leaves an error of rounding.
 _SMALL_STEP = 1e-8
+_TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ class Sliding:
     def _stuck_amplitude(self) -> FloatArray:
         """Amplitude of a contact that sticks, (n_lines, n_contacts): a small part of its frictionless motion at the start."""
         free, _ = self._frictionless_readings(self.parameters.start)
-        return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
+        return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), _TINY)
 
     def _frictionless_readings(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Frictionless readings of sensors and then contacts, under the load and under unit forces at the contacts.
@@ -159,39 +160,43 @@ def balanced_amplitudes(
         Amplitude of a contact that sticks; small against abs(b).
     """
     size = np.maximum(np.abs(free), floor)
-    moving = np.arange(len(size))
+    moving, identity = np.arange(len(size)), np.eye(len(force))
+    motions, sizes = np.concatenate([free[..., None], flexibility], axis=2), size
     for _ in range(_MOST_ITERATIONS):
-        new = _newton_step(flexibility[moving], free[moving], force, floor[moving], size[moving])
-        change = (np.abs(new - size[moving]) / size[moving]).max(axis=1, initial=0.0)
+        new = _newton_step(motions, force, floor, sizes, identity)
+        goes_on = (np.abs(new - sizes) / sizes).max(axis=1, initial=0.0) > _SMALL_STEP
         size[moving] = new
-        moving = moving[change > _SMALL_STEP]
-        if not len(moving):
+        if not goes_on.any():
             break
+        if goes_on.all():
+            sizes = new
+        else:
+            moving, motions, floor, sizes = moving[goes_on], motions[goes_on], floor[goes_on], new[goes_on]
     return size
 
 
 def _newton_step(
-    flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
+    motions: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray, identity: FloatArray
 ) -> FloatArray:
     """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
 
-    `flexibility` (n_frequencies, n_contacts, n_contacts) is the slip under unit contact forces, `free` (n_frequencies,
-    n_contacts) that without friction, `force` (n_contacts,) the friction force per unit drive, `floor` the least
-    amplitude, at which a contact that sticks stays. `size` and `floor` are (n_frequencies, n_contacts).
+    `motions` (n_frequencies, n_contacts, 1 + n_contacts) are those of the contacts without friction: under the drive, then under
+    unit contact forces. `force` (n_contacts,) is the friction force per unit drive, `floor` the least amplitude, at which a
+    contact that sticks stays. `size` and `floor` are (n_frequencies, n_contacts), `identity` is (n_contacts, n_contacts).
     """
-    n_contacts = len(force)
     pull = 1j * force / size
-    system = np.eye(n_contacts) + flexibility * pull[:, None, :]
-    solved = solve_small_systems(system, np.concatenate([free[..., None], flexibility], axis=2))
+    solved = solve_small_systems(identity + motions[..., 1:] * pull[:, None, :], motions)
     motion, reach = solved[..., 0], solved[..., 1:]
-    unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
+    length = np.abs(motion)
+    unit = np.conj(motion) / np.maximum(length, _TINY)
     slope = (unit[..., None] * reach * (pull * motion / size)[:, None, :]).real
-    error = np.abs(motion) - size
+    error = length - size
     stuck = (size <= floor) & (error <= 0)
-    error[stuck] = 0.0
-    slope[stuck] = 0.0
-    step = solve_small_systems(np.eye(n_contacts) - slope, error[..., None])[..., 0]
-    return np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
+    if stuck.any():
+        error[stuck] = 0.0
+        slope[stuck] = 0.0
+    step = solve_small_systems(identity - slope, error[..., None])[..., 0]
+    return np.maximum(np.minimum(np.maximum(size + step, 0.2 * size), 5.0 * size), floor)
 
 
 def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:

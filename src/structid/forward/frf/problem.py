@@ -326,7 +326,8 @@ class FrfProblem(RecordProblem):
             data, change = _equation_rows(self, theta, predicted, derivative)
         else:
             data, change = self._whitened.residual(predicted), self._whitened.whitening(predicted).rows(derivative)
-        rows = stack_real(change.reshape(-1, len(theta))) * self.slope(theta)
+        rows = stack_real(change.reshape(-1, len(theta)))
+        rows *= self.slope(theta)
         return linearization_with_priors(self.unknowns, theta, stack_real(data.ravel()), rows)
 
     @property
