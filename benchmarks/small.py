@@ -30,6 +30,7 @@ SMALL: dict[str, str] = {
     "matrix_files.py": "--entries 20000",
     "modal_scale.py": "--tiny --quick",
     "prediction_speed.py": "--size 6 --lines 40 --outputs 4 --draws 50 --large 12",
+    "small_jobs.py": "gantry --small --rounds 1",
     "plate_damage.py": "--out {folder}/plate --shape 8 4 --lines 6 --sensors 6",
     "scaling.py": "--out {folder}/scaling --quick --only frf_frequencies --points 2",
     "time_domain.py": "--quick --repeats 1 --only merged",

@@ -340,7 +340,8 @@ class DenseSum:
         weights = first * second
         for part, factor in self.scaled:
             weights[part] *= factor.of(values)
-        return np.bincount(self.place, self.value * weights[self.weight], math.prod(self.shape)).reshape(self.shape)
+        sums = np.bincount(self.place, self.value * weights[self.weight], math.prod(self.shape))
+        return np.asarray(sums, np.float64).reshape(self.shape)
 
 
 def dense_sum(contributions: Sequence[Contribution], kinds: Sequence[str], n_dofs: int, n_values: int) -> DenseSum:
