@@ -31,6 +31,8 @@ _ONE_POLE = 0.05  # part of it that the poles themselves may be apart
 _FEWEST_POLES = 3  # of a cluster whose spread over the orders says something
 #: Log odds of being a mode, for 1, stability, log10 of the distance, log10 of the energy, and collinearity.
 _WEIGHTS = np.array([-8.92, 3.94, -2.18, 0.93, 2.21])
+#: The same where deviations are known, for 1, log10 of the excess and log10 of the error of the shape.
+_WEIGHTS_OF_DEVIATIONS = np.array([1.33, -3.72, -4.27])
 #: Probability from which on a cluster is taken for a mode, however few its poles.
 LIKELY = 0.8
 #: Probability below which a cluster is no mode, however many its poles.
@@ -57,6 +59,11 @@ class Cluster:
         Median of `Poles.energy`.
     collinearity : float
         Median modal phase collinearity.
+    excess : float
+        Standard deviation of the frequency of the chosen pole over the least that a record of this length allows; NaN where
+        there is none.
+    shape_error : float
+        Standard deviation of the shape of the chosen pole over its size, channels scaled; NaN where there is none.
     """
 
     number: IntArray
@@ -68,6 +75,8 @@ class Cluster:
     distance: float = np.nan
     energy: float = np.nan
     collinearity: float = np.nan
+    excess: float = np.nan
+    shape_error: float = np.nan
 
     @property
     def probability(self) -> float:
@@ -285,19 +294,27 @@ def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
 
 
 def evidence(cluster: Cluster) -> FloatArray:
-    """Regressors (5,) of the probability that a cluster is a mode.
+    """Regressors of the probability that a cluster is a mode, (5,), or (3,) where its deviations are known.
 
-    In order: 1, stability, log10 of the distance, log10 of the energy, and phase collinearity.
+    In order: 1, stability, log10 of the distance, log10 of the energy, and phase collinearity; or 1, log10 of the excess and
+    log10 of the error of the shape, beside which the others tell nothing more.
     """
-    distance, energy = (float(np.log10(max(value, 1e-6))) for value in (cluster.distance, cluster.energy))
+    distance, energy, excess, error = (
+        float(np.log10(np.clip(value, 1e-6, 1e6)))
+        for value in (cluster.distance, cluster.energy, cluster.excess, cluster.shape_error)
+    )
+    if np.isfinite(excess + error):
+        return np.array([1.0, excess, error])
     return np.array([1.0, cluster.stability, distance, energy, cluster.collinearity])
 
 
 def mode_probability(cluster: Cluster) -> float:
     """Probability that a cluster is a mode, by logistic regression on simulated records; NaN below three poles.
 
-    The weights are those of `_WEIGHTS`, which `python benchmarks/accuracy/mode_probability.py` prints.
+    The weights are those of `_WEIGHTS`, or `_WEIGHTS_OF_DEVIATIONS` where deviations are known, which
+    `python benchmarks/accuracy/mode_probability.py` prints.
     """
     if cluster.size < _FEWEST_POLES:
         return float("nan")
-    return float(special.expit(evidence(cluster) @ _WEIGHTS))
+    known = evidence(cluster)
+    return float(special.expit(known @ (_WEIGHTS if len(known) == len(_WEIGHTS) else _WEIGHTS_OF_DEVIATIONS)))

@@ -14,7 +14,7 @@ uncertainty computation for stochastic subspace identification, Mech. Syst. Sign
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,16 +38,33 @@ _OVERFLOW = 300.0  # exponent of a growing pole
 class SingularVectorChanges:
     """Changes d_b of the subspace matrix G = U S V', seen through its singular vectors; covariances are sums over b.
 
+    With V_n and U_n the leading `max_order` vectors:
+
     Attributes
     ----------
-    right : (n_changes, n_rows, max_order) float array
-        d_b V.
-    left : (n_changes, n_columns, max_order) float array
-        d_b' U.
+    right : (n_changes, rank, max_order) float array
+        U' d_b V_n.
+    left : (n_changes, rank, max_order) float array
+        V' d_b' U_n.
+    outside : (n_changes, n_rows, max_order) float array, or None
+        d_b V_n less its part along U; None where U is square and leaves none.
     """
 
     right: FloatArray
     left: FloatArray
+    outside: FloatArray | None = None
+
+    @classmethod
+    def seen(cls, subspace: Subspace, changes: Iterable[tuple[FloatArray, FloatArray]]) -> SingularVectorChanges:
+        """Changes from pairs d_b V_n, (n_rows, max_order), and d_b' U_n, (n_columns, max_order), one after another."""
+        u, v = subspace.left, subspace.right
+        right, left, outside = [], [], []
+        for moved, turned in changes:
+            right.append(u.T @ moved)
+            left.append(v.T @ turned)
+            if u.shape[0] > u.shape[1]:
+                outside.append(moved - u @ right[-1])
+        return cls(np.array(right), np.array(left), np.array(outside) if outside else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +191,14 @@ def piece_deviations(subspace: Subspace, max_order: int) -> SingularVectorChange
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
     s = subspace.singular[:max_order]
     factor = np.sqrt(len(subspace.windows) / (len(subspace.windows) - 1))
-    right, left = [], []
-    parts = subspace.parts(subspace.data, subspace.windows)
-    for window, part in zip(subspace.windows, parts, strict=True):
-        right.append(factor * (part @ v - window.part * u * s))
-        left.append(factor * (part.T @ u - window.part * v * s))
-    return SingularVectorChanges(np.array(right), np.array(left))
+    parts = zip(subspace.windows, subspace.parts(subspace.data, subspace.windows), strict=True)
+    return SingularVectorChanges.seen(
+        subspace,
+        (
+            (factor * (part @ v - window.part * u * s), factor * (part.T @ u - window.part * v * s))
+            for window, part in parts
+        ),
+    )
 
 
 def overlapping_batches(
@@ -281,14 +300,16 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
         assert subspace.parts is not None
         return np.asarray(np.sum(list(subspace.parts(replace(subspace.data, series=tuple(series)), whole)), axis=0))
 
-    clean, right, left = matrix(motion.decay), [], []
-    for k in range(n_changes):
-        noise = [np.roll(e, round((k + 0.5) / n_changes * len(e)), axis=0) for e in motion.rest]
-        drawn = [y + e for y, e in zip(motion.decay, noise, strict=True)]
-        change = (matrix(drawn) - clean) / np.sqrt(n_changes)
-        right.append(change @ v)
-        left.append(change.T @ u)
-    return SingularVectorChanges(np.array(right), np.array(left))
+    clean = matrix(motion.decay)
+
+    def changes() -> Iterator[tuple[FloatArray, FloatArray]]:
+        for k in range(n_changes):
+            noise = [np.roll(e, round((k + 0.5) / n_changes * len(e)), axis=0) for e in motion.rest]
+            drawn = [y + e for y, e in zip(motion.decay, noise, strict=True)]
+            change = (matrix(drawn) - clean) / np.sqrt(n_changes)
+            yield change @ v, change.T @ u
+
+    return SingularVectorChanges.seen(subspace, changes())
 
 
 def _whole_windows(windows: Sequence[RecordPiece]) -> tuple[RecordPiece, ...]:
@@ -323,39 +344,51 @@ def pole_deviations(
     (n_changes, n_channels, n_chosen) complex array
         Changes of the shapes C phi, of which the parts along the shapes themselves mean nothing.
     """
-    m, u = subspace.data.n_channels, subspace.left[:, :order]
+    m, rate = subspace.data.n_channels, subspace.data.sampling_rate
+    u, rest = subspace.left[:, :order], subspace.left[:, order:]
     a, c = subspace.transition(order), subspace.output(order)
     values, vectors = np.linalg.eig(a)
     duals = np.linalg.inv(vectors)
-    index = oscillating(values, subspace.data.sampling_rate)[list(chosen)]
+    index = oscillating(values, rate)[list(chosen)]
+    own, x = values[index], vectors[:, index]
     up, down = u[:-m], u[m:]
-    gram, residual = up.T @ up, down - up @ a
-    changed_poles, changed_shapes = [], []
-    for right, left in zip(spread.right, spread.left, strict=True):
-        du = _left_change(subspace, right[:, :order], left[:, :order], order)
-        da = np.linalg.solve(gram, up.T @ (du[m:] - du[:-m] @ a) + du[:-m].T @ residual)
-        coupling = duals @ da @ vectors[:, index]
-        change = coupling[index, np.arange(len(index))]
-        gaps = values[None, index] - values[:, None]
-        weights = np.where(gaps == 0, 0.0, coupling / np.where(gaps == 0, 1.0, gaps))
-        shapes = subspace.data.scale[:, None] * (du[:m] @ vectors[:, index])
-        changed_shapes.append(shapes + c @ (vectors @ weights))
-        changed_poles.append(change / values[index] * subspace.data.sampling_rate)
-    return np.array(changed_poles), np.array(changed_shapes)
+    gram, residual = up.T @ up, down @ x - up @ (x * own)
+    pairs, ahead = zip(spread.right, spread.left, strict=True), _times(rest[:-m].T, residual)
+    moved = [_turned(subspace, *pair, order, x, ahead) for pair in pairs]
+    dx, missed = (np.array(part) for part in zip(*moved, strict=True))
+    dx = _times(rest, dx)  # of the changes of U with the eigenvectors, (n_changes, n_rows, n_chosen)
+    if spread.outside is not None:
+        beside = spread.outside[:, :, :order] / _inside(subspace, order)
+        dx, missed = dx + _times(beside, x), missed + _times(beside[:, :-m].transpose(0, 2, 1), residual)
+    da = np.linalg.solve(gram, up.T @ (dx[:, m:] - dx[:, :-m] * own) + missed)
+    coupling = duals @ da
+    gaps = own - values[:, None]
+    weights = np.where(gaps == 0, 0.0, coupling / np.where(gaps == 0, 1.0, gaps))
+    shapes = subspace.data.scale[:, None] * dx[:, :m] + c @ (vectors @ weights)
+    return np.asarray(coupling[:, index, np.arange(len(index))] / own * rate), np.asarray(shapes)
 
 
-def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:
-    """First-order change (n_rows, order) of the leading left singular vectors of the subspace matrix by a change of the matrix.
+def _times(matrix: FloatArray, x: ComplexArray) -> ComplexArray:
+    """Real `matrix` (..., n, m) times complex `x` (..., m, k), without a complex copy of the matrix."""
+    return np.asarray(matrix @ x.real + 1j * (matrix @ x.imag))
 
-    `right` (n_rows, order) is that change times the leading right singular vectors, `left` (n_columns, order) its transpose
-    times the left ones. Directions at the level of rounding, as of noise-free motion, stay unchanged.
+
+def _inside(subspace: Subspace, order: int) -> FloatArray:
+    """Leading `order` singular values, infinite at the level of rounding, as of noise-free motion, whose vectors stay unchanged."""
+    s = subspace.singular
+    return np.where(s[:order] > np.finfo(float).eps * len(subspace.left) * s[0], s[:order], np.inf)
+
+
+def _turned(
+    subspace: Subspace, right: FloatArray, left: FloatArray, order: int, x: ComplexArray, y: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Products T x (rank - order, k) and T' y (order, k), where T is the turn of the leading left singular vectors to the others.
+
+    The turn (rank - order, order) is that by one change of the matrix, to first order; `right` and `left` (rank, max_order) are
+    as in `SingularVectorChanges`. `x` is (order, k), `y` (rank - order, k).
     """
-    u, s, v = subspace.left, subspace.singular, subspace.right
-    known = s[:order] > np.finfo(float).eps * len(u) * s[0]
-    inside, rest = np.where(known, s[:order], np.inf), s[order:]
-    right = np.where(known, right, 0.0)
-    to_rest = u[:, order:].T @ right
-    mixed = to_rest + rest[:, None] * (v[:, order:].T @ left) / inside
-    gaps = inside * (1.0 - (rest[:, None] / inside) ** 2)
-    outside = (right - u @ (u.T @ right)) / inside
-    return np.asarray(outside + u[:, order:] @ np.divide(mixed, gaps, out=np.full_like(mixed, np.nan), where=gaps > 0))
+    inside, rest = _inside(subspace, order), subspace.singular[order:, None]
+    mixed = np.where(np.isinf(inside), 0.0, right[order:, :order]) + rest * left[order:, :order] / inside
+    gaps = inside * (1.0 - (rest / inside) ** 2)
+    turn = np.divide(mixed, gaps, out=np.full_like(mixed, np.nan), where=gaps > 0)
+    return _times(turn, x), _times(turn.T, y)

@@ -36,6 +36,7 @@ from structid.modal.subspace.subspace_modes import (
     MAX_ORDER,
     ONE_PHASE,
     PoleChanges,
+    by_frequency,
     changes_of_modes,
     changes_of_poles,
     frequency_damping_covariance,
@@ -142,7 +143,7 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         errors = PoleChanges(drawn, *changes_of_poles(subspace, drawn, sweep, picked))
         if found and options.frequencies is None:
             seconds = averages * len(record.values) / record.sampling_rate
-            picked, found, errors = surest_poles(subspace, sweep, found, errors, seconds)
+            picked, found, errors = by_frequency(*surest_poles(subspace, sweep, found, errors, seconds))
     poles = poles_of(sweep, picked)
     shapes = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     dofs, merge = displacement_rows(data, poles)
@@ -193,13 +194,12 @@ def error_deviations(
     scale = subspace.data.scale
     functions = record.values[:, :, order] / (scale[:, None] * scale)
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
-    right, left = [], []
-    for error in drawn_errors(functions, averages, _DRAWS):
-        stack = error[1 : rows + columns][:, :, np.argsort(order)] / np.sqrt(_DRAWS)
-        change = hankel(stack, rows, columns)
-        right.append(change @ v)
-        left.append(change.T @ u)
-    return SingularVectorChanges(np.array(right), np.array(left))
+    stacks = (
+        error[1 : rows + columns][:, :, np.argsort(order)] / np.sqrt(_DRAWS)
+        for error in drawn_errors(functions, averages, _DRAWS)
+    )
+    changes = (hankel(stack, rows, columns) for stack in stacks)
+    return SingularVectorChanges.seen(subspace, ((change @ v, change.T @ u) for change in changes))
 
 
 def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterator[FloatArray]:

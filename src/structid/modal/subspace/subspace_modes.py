@@ -40,6 +40,7 @@ from structid.modal.subspace.pole_uncertainty import (
     pole_deviations,
 )
 from structid.records import TimeRecord
+from structid.similarity import mac
 
 SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {"pencil": pencil, "ssi_cov": ssi_cov, "ssi_data": ssi_data}
 _REFINED = ("pencil",)
@@ -53,7 +54,11 @@ _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells
 _TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
 ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _PERHAPS = 0.3  # probability of being a mode from which on poles that are none are listed
-_RATHER = 0.5  # probability of being a mode from which on a surer pole is looked for in other orders
+_RATHER = (
+    0.5  # probability from which on poles are a mode by their deviations, or a surer pole is looked for in other orders
+)
+_POSSIBLE = 0.05  # probability without deviations below which poles are no mode, whatever their deviations
+_ONE_SHAPE = 0.8  # MAC above which a pole in the bandwidth of a mode is one more of this mode
 _STEADY, _FEWEST_DYING = (
     0.1,
     3,
@@ -124,10 +129,12 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
         picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
     changes = _pole_changes(subspace, sweep, picked, found, motion)
     if automatic and changes is not None and not motion.explains_all:
-        seconds = data.seconds
-        piece = seconds / len(subspace.windows)
+        piece = data.seconds / len(subspace.windows)
         least = LIKELY if motion.explains_most else _RATHER  # a weak pole of a decay must not pass for certain
-        picked, found, changes = surest_poles(subspace, sweep, found, changes, seconds, piece, least)
+        found, changes = surest_poles(subspace, sweep, found, changes, data.seconds, piece, least)
+        if not motion.explains_most:
+            found, others, changes = _told_by_deviations(subspace, sweep, found, others, changes, notes)
+        picked, found, changes = by_frequency(found, changes)
     modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
     if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
@@ -459,7 +466,8 @@ def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, dampin
         f, ratio = float(cluster.frequency[cluster.chosen]), float(cluster.damping_ratio[cluster.chosen])
         if not cluster.probability >= _PERHAPS or (np.abs(frequency - f) <= width).any():
             continue
-        reason = f"poles of {cluster.size} orders, too few or too far apart for a mode; `frequencies` takes them"
+        why = "too few or too far apart" if np.isnan(cluster.excess) else "too few, too far apart or too uncertain"
+        reason = f"poles of {cluster.size} orders, {why} for a mode; `frequencies` takes them"
         listed.append(LeftOut(f, ratio, cluster.size, cluster.probability, reason))
     return listed
 
@@ -482,6 +490,18 @@ class PoleChanges:
     poles: ComplexArray
     shapes: ComplexArray
 
+    def of(self, modes: Sequence[int]) -> PoleChanges:
+        """Changes of the `modes` (numbers from 0), in this order."""
+        return PoleChanges(self.spread, self.poles[:, modes], self.shapes[:, :, modes])
+
+    def with_changes(self, poles: ComplexArray, shapes: ComplexArray) -> PoleChanges:
+        """Changes of these modes, and behind them of further ones, by the same deviations."""
+        return PoleChanges(
+            self.spread,
+            np.concatenate([self.poles, poles], axis=1),
+            np.concatenate([self.shapes, shapes], axis=2),
+        )
+
 
 def _pole_changes(
     subspace: Subspace,
@@ -492,7 +512,8 @@ def _pole_changes(
 ) -> PoleChanges | None:
     """Changes of the `picked` poles (order number, pole index) by the scatter of the data; None where `deviations` are None."""
     numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(clusters)
-    spread = deviations(subspace, max(sweep[k].order for k in numbers), motion, len(picked))
+    highest = max(sweep[k].order for k in numbers) if motion.explains_most else sweep[-1].order
+    spread = deviations(subspace, highest, motion, len(picked))
     return None if spread is None else PoleChanges(spread, *changes_of_poles(subspace, spread, sweep, picked))
 
 
@@ -508,21 +529,14 @@ def surest_poles(
     seconds: float,
     piece: float | None = None,
     least_probability: float = _RATHER,
-) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], PoleChanges]:
-    """Chosen poles, clusters and changes, where a less uncertain pole of the same cluster replaces the chosen one.
+) -> tuple[tuple[Cluster, ...], PoleChanges]:
+    """Clusters and changes, in the same order, where a less uncertain pole of the same cluster replaces the chosen one.
 
     A model of high order may have a pole of noise beside that of a mode, which then is uncertain although all orders agree
     on it. Modes with a probability of `least_probability` or more, whose frequency has more than 1.5 times the least standard
     deviation that `seconds` of record allow, are looked at in up to four other orders. The surest pole of the cluster, equal
     to the chosen one within its deviations, takes its place. `seconds` is the length of all records, `piece` (s) that of a
     piece, or None where changes are not by pieces.
-
-    Returns
-    -------
-    list of (int, int)
-        Order number and pole index of each mode, by frequency.
-    tuple of Cluster
-    PoleChanges
 
     References
     ----------
@@ -570,13 +584,119 @@ def surest_poles(
             if (own[:, i] < surest[:, m]).all() and (np.array(apart) <= own[:, i]).all():
                 clusters[m], surest[:, m] = replace(cluster, chosen=j), own[:, i]
                 ds[:, m], dshape[:, :, m] = moved[:, i], shapes[:, :, i]
+    return tuple(clusters), PoleChanges(changes.spread, ds, dshape)
+
+
+def by_frequency(
+    clusters: Sequence[Cluster], changes: PoleChanges
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], PoleChanges]:
+    """Places (order number, pole index), clusters and changes of their chosen poles, lowest frequency first."""
     order = np.argsort([cluster.frequency[cluster.chosen] for cluster in clusters], kind="stable").tolist()
-    clusters = [clusters[m] for m in order]
-    return (
-        [c.place for c in clusters],
-        tuple(clusters),
-        PoleChanges(changes.spread, ds[:, order], dshape[:, :, order]),
-    )
+    return [clusters[m].place for m in order], tuple(clusters[m] for m in order), changes.of(order)
+
+
+def _told_by_deviations(
+    subspace: Subspace, sweep: Sequence[Poles], chosen_clusters: Sequence[Cluster], others: Sequence[Cluster],
+    changes: PoleChanges, notes: list[str],
+) -> tuple[tuple[Cluster, ...], tuple[Cluster, ...], PoleChanges]:  # fmt: skip
+    """Clusters that are modes by a probability that knows deviations, by frequency, the other clusters, and changes of the modes.
+
+    The motion is ambient. Of `others` those are looked at whose probability without deviations is `_POSSIBLE` or more and
+    that are no further poles of a chosen one. Modes are chosen clusters that are more likely one than not, and others that are
+    `LIKELY` to be. `changes` are those of the chosen clusters. Poles of noise move with the data as far as their shapes are
+    large, however steady they are over the orders.
+
+    Raises
+    ------
+    NoModesError
+        If none is left.
+    """
+    scale, n = subspace.data.scale, len(chosen_clusters)
+    every = [*chosen_clusters, *(c for c in others if c.probability >= _POSSIBLE)]
+    poles, shapes = _scaled_poles(sweep, every, scale)
+    every = [cluster for cluster, further in zip(every, _is_further(poles, shapes, n), strict=True) if not further]
+    more = changes_of_poles(subspace, changes.spread, sweep, [cluster.place for cluster in every[n:]])
+    every, changes = _surest_of_doubtful(subspace, sweep, every, changes.with_changes(*more))
+    judged = with_deviations(subspace, sweep, every, changes)
+    poles, shapes = _scaled_poles(sweep, judged, scale)
+    taken = [m for m in range(n) if not judged[m].probability < _RATHER]  # also where few orders leave it unknown
+    for m in sorted(range(n, len(judged)), key=lambda m: -judged[m].probability):
+        is_further = _is_further(poles[[*taken, m]], shapes[:, [*taken, m]], len(taken))[-1]
+        if judged[m].probability >= LIKELY and not is_further:
+            taken.append(m)
+    lost = ", ".join(f"{judged[m].frequency[judged[m].chosen]:.4g}" for m in range(n) if m not in taken)
+    words = f"stable poles that move with the data as those of noise do are left out: {lost} Hz"
+    if not taken:
+        raise NoModesError(f"`records` show no mode; {words}. Measure longer, or give `frequencies`")
+    if lost:
+        notes.append(words)
+    not_looked_at = [c for c in others if not any(c.number is own.number for own in every)]
+    rest = (*not_looked_at, *(judged[m] for m in range(len(judged)) if m not in taken))
+    return tuple(judged[m] for m in taken), rest, changes.of(taken)
+
+
+def _surest_of_doubtful(
+    subspace: Subspace, sweep: Sequence[Poles], every: Sequence[Cluster], changes: PoleChanges
+) -> tuple[list[Cluster], PoleChanges]:
+    """Clusters and changes after `surest_poles` for those that are not rather a mode without deviations, in the same order."""
+    doubtful = [m for m, cluster in enumerate(every) if not cluster.probability >= _RATHER]
+    if not doubtful:
+        return list(every), changes
+    data, clusters = subspace.data, list(every)
+    piece = data.seconds / len(subspace.windows)
+    own = [every[m] for m in doubtful]
+    surer, moved = surest_poles(subspace, sweep, own, changes.of(doubtful), data.seconds, piece, _POSSIBLE)
+    poles, shapes = changes.poles.copy(), changes.shapes.copy()
+    poles[:, doubtful], shapes[:, :, doubtful] = moved.poles, moved.shapes
+    for m, cluster in zip(doubtful, surer, strict=True):
+        clusters[m] = cluster
+    return clusters, PoleChanges(changes.spread, poles, shapes)
+
+
+def _is_further(poles: ComplexArray, shapes: ComplexArray, n: int) -> NDArray[np.bool_]:
+    """Mask (n_poles,) of poles with the shape and, within its bandwidth, the frequency of one of the first `n`; false for these.
+
+    `poles` are in rad/s, `shapes` (n_channels, n_poles) scaled. The same shape is a MAC above 0.8.
+    """
+    if not n:
+        return np.zeros(len(poles), dtype=bool)
+    width = np.maximum(2 * np.abs(poles.real), _SAME * np.abs(poles))
+    gap = np.abs(np.abs(poles)[:, None] - np.abs(poles)[:n])
+    alike = (gap <= np.maximum(width[:, None], width[:n])) & (mac(shapes, shapes[:, :n]) > _ONE_SHAPE)
+    return np.asarray(alike.any(axis=1) & (np.arange(len(poles)) >= n))
+
+
+def with_deviations(
+    subspace: Subspace, sweep: Sequence[Poles], clusters: Sequence[Cluster], changes: PoleChanges
+) -> list[Cluster]:
+    """`clusters` with the excess of the deviation of their frequency and the error of their shape, by `changes` by pieces.
+
+    One channel has no shape, and nothing is added.
+    """
+    data = subspace.data
+    if data.n_channels == 1:
+        return list(clusters)
+    poles, shapes = _scaled_poles(sweep, clusters, data.scale)
+    piece, judged = data.seconds / len(subspace.windows), []
+    for m, cluster in enumerate(clusters):
+        own, shape = poles[m : m + 1], shapes[:, m : m + 1]
+        turned = changes.shapes[:, :, m : m + 1] / data.scale[:, None]
+        moved, turned = overlapping_batches(changes.poles[:, m : m + 1], turned, piece, _memory(own))
+        scatter = changes_of_modes(own, moved, shape, turned)
+        least = np.sqrt(max(-float(own[0].real), 0.0) / data.seconds) / (2 * np.pi)
+        excess = float(np.linalg.norm(scatter.frequency)) / least if least > 0 else np.inf
+        error = np.linalg.norm(scatter.mode_shapes) / np.linalg.norm(unit_largest(shape))
+        judged.append(replace(cluster, excess=excess, shape_error=float(error)))
+    return judged
+
+
+def _scaled_poles(
+    sweep: Sequence[Poles], clusters: Sequence[Cluster], scale: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Chosen poles of the clusters, (n_clusters,), rad/s, and their shapes over `scale` (n_channels,), (n_channels, n_clusters)."""
+    places = [cluster.place for cluster in clusters]
+    shapes = np.stack([sweep[k].shapes[:, i] for k, i in places], axis=1)
+    return poles_of(sweep, places), np.asarray(shapes / scale[:, None])
 
 
 def _modal_record(
