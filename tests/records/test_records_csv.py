@@ -109,6 +109,15 @@ def test_frf_table_complaint(tmp_path, old, new, word):
     assert str(caught.value).startswith(str(tmp_path / "a.csv"))
 
 
+def test_frequencies_in_a_complaint_are_in_hz(tmp_path):
+    """Of lines in kHz the message gives the numbers in the unit that it names."""
+    kilohertz = FRF.replace("frequency_hz", "frequency (kHz)")
+    with pytest.raises(FileError, match=r"must increase, got 1000 Hz followed by 500 Hz"):
+        read(tmp_path, kilohertz.replace("\n2,", "\n0.5,"))
+    with pytest.raises(FileError, match=r"must be from 0 to 1, got 1.25 at 2000 Hz"):
+        read(tmp_path, kilohertz.replace("0.25", "1.25"))
+
+
 @pytest.mark.parametrize("unit", ["1", "-", " - "])
 def test_a_ratio_without_unit_is_transmissibility(tmp_path, unit):
     pair = FRF.replace("1X/3Z- [g/lbf]", f"1RX/3RZ- [{unit}]").replace("1X/3Z-", "1RX/3RZ-")

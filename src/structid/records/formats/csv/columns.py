@@ -649,10 +649,10 @@ def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[s
 def _parse_column(
     table: Table, j: int, head: _ColumnHeader, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
 ) -> _Column:
-    """Degrees of freedom, unit, part and factor to SI of column `j`; the unit is None for phases and coherences.
+    """Degrees of freedom, unit, part, factor to SI (of decibels, that of 0 dB) and whether it is in decibels, of column `j`.
 
-    `outputs` and `inputs` map the table's names to degrees of freedom where these differ. Errors name line and column.
-    `head` is what the header says. Raises `FileError` if the header cannot be read.
+    The unit is None for phases and coherences. `outputs` and `inputs` map the table's names to degrees of freedom where
+    these differ. `head` is what the header says. Raises `FileError`, with line and column, if the header cannot be read.
     """
     try:
         output = parse_dof(outputs.get(head.output, head.output))
@@ -792,9 +792,10 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         part[position] = column.to_si(table.values[:, j])
     is_polar = "magnitude" in parts or "phase" in parts
     _require_complete(table, parts, ("magnitude", "phase") if is_polar else ("re", "im"), outputs, inputs)
-    _require_sound(table, columns)
+    frequency = table.values[:, 0] * to_hertz
+    _require_sound(table, columns, frequency)
     record = FrfRecord(
-        frequency=table.values[:, 0] * to_hertz,
+        frequency=frequency,
         values=parts["magnitude"] * np.exp(1j * parts["phase"]) if is_polar else parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
@@ -870,16 +871,16 @@ def _require_complete(
                     )
 
 
-def _require_sound(table: Table, columns: list[_Column]) -> None:
+def _require_sound(table: Table, columns: list[_Column], frequency: FloatArray) -> None:
     """Raise `FileError` for frequencies that do not increase, or coherences, magnitudes or deviations out of range.
 
-    Coherences must be from 0 to 1, magnitudes and standard deviations at least 0. `columns` are those after the
-    frequencies.
+    Coherences must be from 0 to 1, magnitudes that are not in decibels and standard deviations at least 0. `columns` are
+    those after the frequencies, `frequency` (n_lines,) holds these in Hz.
     """
-    falls = np.diff(table.values[:, 0]) <= 0
+    falls = np.diff(frequency) <= 0
     if falls.any():
         i = int(np.argmax(falls))
-        pair, line = table.values[i : i + 2, 0], table.first_line + i
+        pair, line = frequency[i : i + 2], table.first_line + i
         raise FileError(
             f"{table.path}: lines {line} and {line + 1}, column 1 ({table.names[0]}): frequencies must increase, got"
             f" {pair[0]:.9g} Hz followed by {pair[1]:.9g} Hz; sort the lines and remove repeated ones"
@@ -897,7 +898,7 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
             )
             raise FileError(
                 f"{table.path}: line {table.first_line + i}, column {j + 1} ({table.names[j]}) must be {words}, got"
-                f" {table.values[i, j]:.9g} at {table.values[i, 0]:.9g} Hz; {remedy}"
+                f" {table.values[i, j]:.9g} at {frequency[i]:.9g} Hz; {remedy}"
             )
 
 
