@@ -109,10 +109,9 @@ def reduction_basis(
 ) -> FloatArray:
     """Mass-orthonormal motions that span the responses of a structure between two frequencies, (n_dofs, n_vectors).
 
-    There are none without loads and sensors where no mode lies below twice `highest`.
-
-    They are the modes up to twice `highest` for each of the property `values`, and the undamped responses at `lowest` and
-    `highest` to every load and at every sensor, which carry the flexibility of the modes that are left out.
+    They are the modes up to twice `highest` for each of the property `values`, and, for the first of these, the undamped
+    responses at `lowest` and `highest` to every load and at every sensor, which carry the flexibility of the modes that
+    are left out. There are none without loads and sensors where no mode lies below twice `highest`.
 
     Parameters
     ----------

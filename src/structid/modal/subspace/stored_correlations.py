@@ -226,8 +226,9 @@ def drawn_errors(functions: FloatArray, averages: float, n_draws: int) -> Iterat
 def _is_split_pole(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
     """Mask (n_modes,) of poles near a more probable pole of the same shape, as when noise splits a mode in two.
 
-    Near is within the half-power bandwidth, the same shape a MAC above 0.9. `poles` (n_modes,) are in rad/s, `shapes`
-    (n_channels, n_modes) scaled, `probability` (n_modes,) is that of being a mode (NaN counts as 0).
+    Near is within the half-power bandwidth of either, the same shape a MAC above 0.9; a split pole splits off no other.
+    `poles` (n_modes,) are in rad/s, `shapes` (n_channels, n_modes) scaled, `probability` (n_modes,) is that of being a
+    mode (NaN counts as 0).
     """
     likeness = mac(shapes, shapes)
     width = 2 * np.abs(poles.real)
