@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 import structid as sid
 from structid.diagnose.causes import SensorDelay, SpringToGround, Support
 from structid.diagnose.score_test import Screened
-from structid.diagnose.screening import _feet, _rollers
+from structid.diagnose.screening import _clamps, _feet, _rollers
 from structid.diagnose.search import _ranks_of_derived
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
@@ -44,6 +44,16 @@ def test_of_feet_of_a_single_node_the_most_promising_come_first():
     feet = _feet([support(f"{node}{d}") for node in (1, 5) for d in ("RX", "RY")], 1.0)
     rows = [Screened(support("5RY"), 3e-6, 0.4), Screened(support("1RX"), 3e-6, 0.5)]
     assert _ranks_of_derived(feet, rows) == [0, 0, 0, 11, 0]
+
+
+def test_hinges_of_all_supported_nodes_are_clamped_together_by_springs_of_one_stiffness():
+    springs = [SpringToGround(where=(place,), strengths=np.array([1.0, 60.0])) for place in ("1RZ", "4RZ", "8X", "8RZ")]
+    [row] = _clamps([support("1X"), *springs], {1, 8}, 7.0)
+    assert (row.candidate.where, row.strength, row.left) == (("1RZ", "8RZ"), 60.0, 7.0)
+    assert row.candidate.sentence(None) == "something holds 1RZ, 8RZ: springs to the ground"
+    added, unknown = row.candidate.edits(SimpleNamespace(unique_name=str), 60.0)
+    assert added.entry == {"name": "spring 1RZ", "first": ["1RZ", "8RZ"], "stiffness": 60.0}
+    assert _clamps(springs[:3], {1, 8}, 7.0) == []
 
 
 def test_of_modes_free_translations_of_held_nodes_are_held_all_but_rigidly():

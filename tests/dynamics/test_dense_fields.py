@@ -71,6 +71,22 @@ def test_sum_over_poles_equals_the_direct_solution(case, decay):
     assert off(found, dense(matrices, laws(laplace), loads)) < 1e-10
 
 
+@pytest.mark.parametrize(("viscous", "loss"), [(0.0, 0.0), (0.05, 0.02)])
+def test_poles_far_above_the_lines_are_summed_as_one_power_series(viscous, loss, monkeypatch):
+    """The fields are those that all poles give one by one; with fewer terms they are not."""
+    matrices, loads = chain(80, viscous, loss), np.eye(80)[:, [0, 40, 79]]
+    laplace = 2j * np.pi * np.linspace(0.001, 0.1, 600)
+    exact = dense(matrices, laws(laplace), loads)
+    found, by_poles = fields(matrices, laplace, loads)
+    at = dense_fields.modal_fields(matrices, loads, laplace)
+    assert by_poles
+    assert 2 * dense_fields._FAR_TERMS < at._far.sum() < len(at.inverse)
+    assert len(at._residues) < len(at.inverse)
+    assert off(found, exact) < 1e-11
+    monkeypatch.setattr(dense_fields, "_FAR_TERMS", 8)
+    assert off(dense_fields._ModalFields(at.variable, at.inverse, at.shapes, at.drive).at(slice(None)), exact) > 1e-9
+
+
 def test_few_lines_are_factorized():
     matrices, loads, laplace = chain(loss=0.02), np.eye(6)[:, [0, 3]], 2j * np.pi * LINES[:20]
     found, by_poles = fields(matrices, laplace, loads, chosen=np.array([1]))

@@ -123,6 +123,29 @@ def test_the_shift_that_is_said_is_what_a_finer_mesh_does_to_the_answer(record, 
     assert mesh.needed > pieces
 
 
+def test_the_mesh_of_a_model_that_is_wrong_on_any_mesh_is_judged_by_the_deviations_that_its_misfit_gives(record):
+    """A mass is missing: pieces that noise alone would ask for move no value by much of the error that the model makes.
+
+    On a coarse mesh, which is a part of the misfit, the shifts are counted in deviations from noise.
+    """
+    beam = sid.Beam("beam", [[0, 1], [1, 2]], MASS, BENDING, loss_factor=0.01)
+    clamp, crate = sid.Spring("clamp", "0RZ", stiffness=HOLD), sid.PointMass("crate", [1], 1.0)
+    truth = sid.Structure({0: 0.0, 1: 1.0, 2: LENGTH}, [beam, clamp, crate], ["0Y"], subdivide=64)
+    heavy = sid.simulated_record(truth, sid.parameters(truth, []), record, 0.005, np.random.default_rng(3))
+    unknown = [sid.Unknown("bending_stiffness", "beam"), sid.Unknown("stiffness", "clamp")]
+    options = IdentifyOptions(band=(1.0, 60.0), tolerances=EXACT)
+    in_noise, judged = {}, {}
+    for pieces in (1, 8):
+        structure = cantilever(400.0, 8e3, pieces)
+        setup = sid.Setup(structure, sid.parameters(structure, unknown), heavy)
+        found = sid.identify_together([setup], options)
+        judged[pieces] = judge_pieces([setup], found, options, pieces)
+        quiet = replace(found.estimate, goodness=replace(found.estimate.goodness, chi_square=1.0, least_chi_square=1.0))
+        in_noise[pieces] = judge_pieces([setup], replace(found, estimate=quiet), options, pieces)
+    assert in_noise[8].moved > 0.2 > judged[8].moved
+    assert judged[1].moved == in_noise[1].moved > 0.2
+
+
 def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     study = written(tmp_path, record)
     done = CliRunner().invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "out")])

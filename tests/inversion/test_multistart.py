@@ -247,15 +247,24 @@ def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
     """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
     problem, method = MissedWells(start=(1.6,)), LevenbergMarquardt()
     search = Search(restarts=7, seed=2)
-    found = searched_minima(problem, method, (), search, lambda minimum: False).minima
+    begun = []
+
+    class Counting(SerialExecutor):
+        def minimize(self, *arguments):
+            begun.append(arguments[2])
+            return super().minimize(*arguments)
+
+    found = searched_minima(problem, method, (), search, lambda minimum: False, work=Counting()).minima
     cost = np.array([minimum.costs[-1] for minimum, _ in found])
     best = cost < 1.001 * cost.min()
-    assert 0 < best.sum() < len(found)
+    assert 1 < best.sum() < len(found)
+    assert len(begun) == 2  # the first search, and the best end, which is completed once for all that lead there
     for (minimum, iterations), is_best in zip(found, best, strict=True):
         alone = minimize(problem, method, minimum.history[0])
         assert iterations == len(minimum.inner) == len(minimum.costs) - 1 == len(minimum.history) - 1
         assert minimum.converged == is_best
         if is_best:
+            assert minimum.theta == minimum.history[-1]
             assert minimum.theta == pytest.approx(alone.theta, rel=1e-6)
         else:
             assert minimum.message == LEFT
@@ -279,6 +288,8 @@ def test_the_course_of_every_stage_is_kept_and_stored():
         assert kept.name == stored.name
         np.testing.assert_array_equal(kept.history, stored.history)
         np.testing.assert_array_equal(kept.costs, stored.costs)
+        assert kept.n_rows == stored.n_rows == 2 * (len(kept.costs) - 1)
     search = estimate(problem, plans=(stages,)).search
     assert [stage.name for stage in search.stages] == ["mild", "steep", "final"]
     np.testing.assert_array_equal(search.stages[-1].history, search.history)
+    assert search.n_rows == 2 * search.n_iterations  # of one search, two data each

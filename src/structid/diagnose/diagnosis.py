@@ -14,7 +14,7 @@ from structid.diagnose.diagnosed import DiagnosedIdentification, noise_level, wi
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, is_clear
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget, iteration_effort
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.thresholds import IDENTIFICATIONS, SEARCH_EFFORT, STAGE_PART
+from structid.diagnose.thresholds import IDENTIFICATIONS, SEARCH_EFFORT
 from structid.diagnose.verdict import (
     NOT_TRIED,
     Diagnosis,
@@ -37,11 +37,11 @@ _NO_PLACES = "causes were not looked for: frequencies without any shape show no 
 def budget_for_causes(identification: Identification) -> SearchBudget:
     """Default budget of a search for causes: three times the effort of the identification, and 8 s in addition.
 
-    The effort is 0.6 of that of all starts and iterations at the cost of one iteration; 0 without a target problem.
+    The effort is that of all rows of data that its iterations evaluated; 0 without a target problem.
     """
-    search, effort = identification.estimate.search, 0.0
-    if identification.target is not None:
-        effort = STAGE_PART * search.n_starts * search.n_iterations * iteration_effort(identification.target)
+    target, effort = identification.target, 0.0
+    if target is not None:
+        effort = identification.estimate.search.n_rows / target.n_data * iteration_effort(target)
     return SearchBudget(IDENTIFICATIONS * effort + SEARCH_EFFORT)
 
 

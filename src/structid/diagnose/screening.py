@@ -109,8 +109,8 @@ class Shortlist(NamedTuple):
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
     those of them that promise most at the fit, and channels with faults of their own; `in_turn` are those that are
     certain, the best of the first point, of the second and so on, then the second best of each; `tried` is how many
-    there were; `feet` are supports that give way in all rotations at once, and of modes rollers that do not roll, which no
-    linear look is taken at; `lost` are sensors without which a good part of the misfit is gone.
+    there were; `feet` are supports that give way in all rotations at once, hinges that are all clamped, and of modes rollers that
+    do not roll, which no linear look is taken at; `lost` are sensors without which a good part of the misfit is gone.
     """
 
     rows: list[Screened]
@@ -156,7 +156,11 @@ def shortlist_candidates(
         if answer is None:
             continue
         several = point.candidates(names)
-        feet = feet or [*_feet(several, base.misfit), *_rollers(base, several, held_nodes)]
+        feet = feet or [
+            *_feet(several, base.misfit),
+            *_clamps(several, held_nodes, base.misfit),
+            *_rollers(base, several, held_nodes),
+        ]
         problems = [receptances.problem for receptances in point.records]
         data = list(data_candidates(problems, names))
         tried = max(tried, len(several) + len(data))
@@ -228,6 +232,25 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
             left,
         )
         for group in [*directions, *everywhere, *nodes]
+    ]
+
+
+def _clamps(candidates: Iterable[Candidate], held_nodes: Collection[int], left: float) -> list[Screened]:
+    """Candidates that the supported nodes are held in one rotation too, all together: feet drawn as hinges that are clamped.
+
+    One foot of two explains half of it. `candidates` are all changes, `held_nodes` the supported nodes, and `left` is the misfit
+    without changes.
+    """
+    of_direction: dict[str, list[SpringToGround]] = {}
+    for candidate in candidates:
+        if isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes):
+            dof = parse_dof(candidate.where[0])
+            if dof.is_rotation:
+                of_direction.setdefault(dof.direction, []).append(candidate)
+    return [
+        Screened(replace(group[0], where=tuple(one.where[0] for one in group)), float(group[0].strengths.max()), left)
+        for group in of_direction.values()
+        if 1 < len(group) <= MOST_FEET
     ]
 
 
@@ -367,7 +390,7 @@ def derived_candidates(base: FittedModel, shortlist: Shortlist) -> list[Screened
 
     In this order: fixed values of sets one of whose elements seems to differ, sensors that are late together, other
     offsets of masses, sensors of opposite sense and at other nodes where they are better left out, loads at other
-    nodes, and supports that become flexible in several rotations.
+    nodes, and supports that become flexible in several rotations, or are held in one rotation more.
     """
     rows = shortlist.rows
     lost = shortlist.lost

@@ -57,6 +57,7 @@ from structid.diagnose.thresholds import (
     NEAR_FIT_TIME,
     NESTED_RISK,
     OUTLYING_RATIO,
+    PAIR_DOFS,
     PROMISING_PAIRS,
     REQUEST_LINES,
     REQUEST_RISK,
@@ -168,10 +169,11 @@ def _of_two(
     """Explanation by a pair of changes that leaves only noise, where each alone brings little; else `explanation`.
 
     Candidates for the first change are those in `explanation.begun`, except those at the positions of `tried`: a fit of
-    one of two faults to all data is bent towards the other. Where the model is not small or the budget is used up,
-    `is_single` is set.
+    one of two faults to all data is bent towards the other. Where the model has more than `PAIR_DOFS` degrees of
+    freedom or the budget is used up, `is_single` is set.
     """
-    if not budget.allows(explanation.spent) or not explanation.base.modified.is_small:
+    n_dofs = max(setup.structure.n_dofs for setup in explanation.base.modified.setups)
+    if not budget.allows(explanation.spent) or n_dofs > PAIR_DOFS:
         return replace(explanation, is_single=True)
     known = {one.cause.place for one in tried}
     begun = [item for item in explanation.begun if item[0].place not in known]

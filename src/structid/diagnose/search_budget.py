@@ -24,9 +24,10 @@ from structid.diagnose.thresholds import (
     MODE_EFFORT,
     PART_OF_ONE_FIT,
     SCREENED_EFFORT,
+    SUMMED_TERMS,
     VALUE_EFFORT,
 )
-from structid.forward import FrfProblem, RecordProblem
+from structid.forward import FrfProblem, RecordProblem, SpectraProblem
 from structid.forward.modal import compares_modes
 from structid.inversion import JointProblem, Problem
 from structid.inversion.search.least_squares import Progress
@@ -54,7 +55,10 @@ def iteration_effort(problem: Problem) -> float:
         return ITERATION_EFFORT + jacobian + MODE_EFFORT * n_dofs**2 * min(n_dofs, FULL_DOFS)
     if isinstance(problem, FrfProblem):
         return ITERATION_EFFORT + jacobian + ENTRY_EFFORT * len(problem.frequency) * n_dofs * min(n_dofs, FULL_DOFS)
-    return ITERATION_EFFORT + jacobian + VALUE_EFFORT * problem.n_data
+    fields = 0.0
+    if isinstance(problem, SpectraProblem):  # responses of every degree of freedom at every line
+        fields = ENTRY_EFFORT * len(problem.frequency) * n_dofs * min(n_dofs, SUMMED_TERMS)
+    return ITERATION_EFFORT + jacobian + VALUE_EFFORT * problem.n_data + fields
 
 
 def screening_effort(n_rows: int, n_strengths: int) -> float:

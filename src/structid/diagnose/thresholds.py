@@ -140,6 +140,8 @@ MOST_NODE_PLACES = 20
 PAIR_LOOKS = 12
 #: The same of each kind.
 PAIR_LOOKS_OF_KIND = 2
+#: Degrees of freedom up to which it is looked for: a small frame whose beams were divided has as many.
+PAIR_DOFS = 200
 #: Part of the misfit that two changes promise to leave at most.
 PAIR_LEFT = 0.3
 
@@ -180,8 +182,6 @@ MOST_ALIKE = 4
 MOST_FREED = 3
 #: Identifications that the search for causes may take by default,
 IDENTIFICATIONS = 3.0
-#: each iteration at this part of what one on all lines takes, since easier stages have fewer (0.6 in the measured frame),
-STAGE_PART = 0.6
 #: and effort besides, in seconds of the processor that efforts are measured on. With 5 a portal frame's support that turns
 #: was not refitted in time.
 SEARCH_EFFORT = 8.0
@@ -197,12 +197,14 @@ ITERATION_EFFORT = 1e-3
 ENTRY_EFFORT = 3e-8
 #: for each cubed degree of freedom of its modes,
 MODE_EFFORT = 1.4e-8
-#: and for each value of a history.
+#: and for each value of a history, beside the dynamic stiffness at its lines.
 VALUE_EFFORT = 2e-6
 #: Of one entry of a residual that a candidate changes, parameters following linearly.
 SCREENED_EFFORT = 2.5e-8
 #: Of a changed model, assembled anew.
 CHANGE_EFFORT = 0.005
+#: Terms at most that the motion of a degree of freedom is summed of at each line of a history.
+SUMMED_TERMS = 60
 #: Degrees of freedom up to which a dynamic stiffness is full.
 FULL_DOFS = 500
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.receptance import singular_model
@@ -22,6 +23,9 @@ _CHECKED = np.array([[1.0, -1.0], [-1.0, 1.0]])
 #: digit of the matrices and the order of the unknowns change in the direct solution.
 TOLERANCE, ROUNDINGS = 1e-10, 30.0
 _SPREAD = 8
+#: Poles whose inverse times the variable of every line stays below this are summed by so many terms of a power series, which is
+#: exact to rounding, where they are more than twice as many.
+_FAR, _FAR_TERMS = 0.25, 27
 #: Lines that one eigenvalue problem is worth: these, and so many for each degree of freedom.
 _LEAST, _EACH, _EACH_DAMPED = 60, 1, 5
 
@@ -196,8 +200,34 @@ class _ModalFields:
     drive: ComplexArray
 
     @cached_property
+    def _far(self) -> NDArray[np.bool_]:
+        """Mask (n_poles,) of the poles that are summed by a power series; all False where they are few."""
+        far: NDArray[np.bool_] = np.abs(self.inverse) * self._largest < _FAR
+        return far if far.sum() > 2 * _FAR_TERMS else np.zeros_like(far)
+
+    @cached_property
+    def _largest(self) -> float:
+        """Largest size of the variable."""
+        return float(np.abs(self.variable).max())
+
+    @cached_property
     def _residues(self) -> ComplexArray:
-        return (self.shapes.T[:, :, None] * self.drive[:, None, :]).reshape(len(self.inverse), -1)
+        """Fields (n_terms, n_dofs * n_loads) that the `_weights` go with: of each near pole, then of each power."""
+        near, far = ~self._far, self._far
+        fields = self.shapes.T[near, :, None] * self.drive[near, None, :]
+        if far.any():
+            powers = np.vander(self._largest * self.inverse[far], _FAR_TERMS, increasing=True).T
+            fields = np.concatenate([fields, (self.shapes[:, far] * powers[:, None, :]) @ self.drive[far]])
+        return fields.reshape(len(fields), -1)
+
+    def _weights(self, variable: ComplexArray) -> ComplexArray:
+        """Weight of each term at values of the variable, (n, n_terms): 1 / (1 - t m) of near poles, then powers of t."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights: ComplexArray = 1 / (1 - variable[:, None] * self.inverse[~self._far])
+        if self._far.any():
+            powers = np.vander(variable / self._largest, _FAR_TERMS, increasing=True)
+            weights = np.concatenate([weights, powers], axis=1)
+        return weights
 
     def read(self, reader: FloatArray, loads: IntArray) -> _ModalFields:
         """Sum over the same poles for the readings of `reader` (n_read, n_dofs), under the loads with the indices `loads`."""
@@ -205,8 +235,8 @@ class _ModalFields:
 
     def at(self, lines: slice | IntArray) -> ComplexArray:
         """The fields, or readings, at some of the lines, (n, n_dofs, n_loads); not finite at a line on an undamped pole."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            weights = 1 / (1 - self.variable[lines, None] * self.inverse)
+        weights = self._weights(self.variable[lines])
+        with np.errstate(invalid="ignore"):
             return (weights @ self._residues).reshape(len(weights), len(self.shapes), -1)
 
 

@@ -29,6 +29,8 @@ _MOST_PIECES, _MOST_DOFS = 32, 3000
 _MOST_STEPS, _FOLLOWED = 4, 0.2
 #: Farthest shift of a free variable that is followed, in parts of the size of its value.
 _FARTHEST = 2.0
+#: Chi-square, in parts of what is expected, beyond which a model is wrong whatever its mesh, and part of it that the mesh may be.
+_WRONG, _MESH_PART = 9.0, 0.01
 #: Standard deviations beyond which the size of a shift says nothing more.
 _MOST_TOLD = 100
 #: Chi-square by which the drawn mesh fits a record better than a finer one where that is said: beyond chance.
@@ -50,7 +52,7 @@ class MeshPieces:
     count : int
     moved : float
         Largest shift of a determined value by the mesh, in its standard deviations from noise and tolerances; NaN where
-        not known.
+        not known. Deviations are those from the misfit where this is far beyond noise, and not from the mesh.
     shifts : str
         The values that move by more than `MOVED`, the farthest first, each with its shift; "" for none.
     obstacle : str
@@ -134,6 +136,8 @@ def judge_pieces(
     misfit_change = finer_rows - linearization.residual[: finer.n_data]  # priors know no mesh
     step = shift_of_minimum(linearization.jacobian, misfit_change)
     deviation = _deviation(identification)
+    if _is_wrong_on_any_mesh(identification, linearization, misfit_change, step):
+        deviation = np.maximum(deviation, identification.estimate.std)
     deviations_per_theta = problem.slope(theta) / np.where(deviation > 0, deviation, np.nan)
     finer_minimum: dict[str, float] = {}
     if _largest(step * deviations_per_theta) >= MOVED:
@@ -257,6 +261,18 @@ def _deviation(identification: Identification) -> FloatArray:
     fixed = identification.estimate.fixed
     variance = identification.estimate.std_noise**2
     return np.sqrt(variance if fixed is None else variance + fixed.std**2)
+
+
+def _is_wrong_on_any_mesh(
+    identification: Identification, linearization: Linearization, misfit_change: FloatArray, step: FloatArray
+) -> bool:
+    """True if the misfit is far beyond noise, and of what the mesh changes the parameters leave less than 1 % of it.
+
+    `misfit_change` (n_data,) is the change of the residual with a finer mesh, `step` (n_params,) the shift of the values by it.
+    """
+    goodness = identification.estimate.goodness
+    left = misfit_change + (linearization.jacobian @ np.nan_to_num(step))[: len(misfit_change)]
+    return goodness.misfit > _WRONG and float(left @ left) < _MESH_PART * goodness.chi_square
 
 
 def _followed_shift(

@@ -211,6 +211,8 @@ class SearchRecord:
         The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
     is_exhaustive : bool
         Whether wide starts were made until no more answers are to be expected.
+    n_rows : int
+        Rows of data that all iterations of all searches evaluated; 0 where they are not counted.
     """
 
     n_iterations: int
@@ -220,6 +222,7 @@ class SearchRecord:
     answers: tuple[DistinctMinimum, ...] = ()
     is_exhaustive: bool = False
     stages: tuple[StageCourse, ...] = ()
+    n_rows: int = 0
 
     @property
     def n_fitting(self) -> int:
@@ -670,7 +673,7 @@ def estimate(
         minima, key=lambda m: (not m[0].converged, cost_rank(m[0]) if search.wide_starts else float(m[0].costs[-1]))
     )
     if sample is not None:
-        of_sample = (*best.stages, StageCourse("sample of the data", best.history, best.costs))
+        of_sample = (*best.stages, StageCourse("sample of the data", best.history, best.costs, sample.n_data))
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
         best = replace(best, stages=of_sample)
         n_iterations += len(best.costs) - 1
@@ -705,11 +708,19 @@ def estimate(
         test_freedom=n_values - uncertainty.taken if np.isfinite(uncertainty.taken) else np.inf,
     )
     courses = tuple(
-        StageCourse(stage.name, locked(np.array([problem.physical(t) for t in stage.history])), locked(stage.costs))
-        for stage in (*best.stages, StageCourse("final", best.history, best.costs))
+        stage._replace(
+            history=locked(np.array([problem.physical(t) for t in stage.history])), costs=locked(stage.costs)
+        )
+        for stage in (*best.stages, StageCourse("final", best.history, best.costs, problem.n_data))
     )
+    searched_courses = [
+        stage
+        for minimum, _ in minima
+        for stage in (*minimum.stages, StageCourse("final", minimum.history, minimum.costs, searched.n_data))
+    ]
     searches = SearchRecord(
         n_iterations=n_iterations,
+        n_rows=sum(stage.n_rows for stage in searched_courses) + (0 if sample is None else courses[-1].n_rows),
         n_starts=len(minima),
         n_agreeing=answers[0].n_searches if answers else 0,
         history=courses[-1].history,

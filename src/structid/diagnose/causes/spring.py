@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import join_words
 from structid.core.dof import parse_dof
 from structid.diagnose.causes.added import added_spring
 from structid.diagnose.causes.candidate import POSITIVE, Candidate
@@ -19,7 +20,7 @@ from structid.diagnose.tested_model import TestedModel
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SpringToGround(Candidate):
-    """A spring from a degree of freedom to the ground, with a loss factor of its own where one is given."""
+    """A spring from a degree of freedom to the ground, with a loss factor of its own where one is given; or several alike."""
 
     kind: ClassVar[str] = "spring"
     bounds: tuple[float, float] = POSITIVE
@@ -43,10 +44,13 @@ class SpringToGround(Candidate):
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
         name = model.unique_name(f"spring {self.where[0]}")
-        entry = {"name": name, "first": self.where[0], "stiffness": rounded(strength)}
+        first = list(self.where) if len(self.where) > 1 else self.where[0]
+        entry = {"name": name, "first": first, "stiffness": rounded(strength)}
         return added_spring("spring", entry, self.loss_factor)
 
     def sentence(self, value: float | None) -> str:
+        if len(self.where) > 1:
+            return f"something holds {join_words(self.where)}: springs to the ground"
         return f"something holds {self.where[0]}: a spring to the ground"
 
     def is_clamp(self, held_nodes: Collection[int]) -> bool:

@@ -78,7 +78,10 @@ class Evaluation:
         The part of each likeliest force in each reading.
     free : (n_frequencies, n_outputs) complex array
         The part of the transient in each reading, without its polynomials.
-    motion : (n_frequencies, n_dofs, 1) complex array
+    driven : (n_frequencies, n_dofs, 1) complex array
+        Motions under the likeliest forces.
+    left : (n_frequencies, n_forces) complex array
+        Forces of the transient.
     aliased : (n_frequencies, n_outputs, n_inputs) complex array
         The part of each likeliest force in each reading through aliases, as a factor on the response far above
         all modes.
@@ -92,7 +95,8 @@ class Evaluation:
     read: ComplexArray
     forced: ComplexArray
     free: ComplexArray
-    motion: ComplexArray
+    driven: ComplexArray
+    left: ComplexArray
     aliased: ComplexArray
     whitening: ComplexArray
     linear: EliminatedColumns
@@ -278,8 +282,7 @@ class SpectraModel:
     def mass_line(self) -> MassLine:
         """Response at one frequency far above all modes, where masses alone act."""
         far = np.array([_FAR / self.spectra.straight])
-        sides = self.columns[:, : len(self.spectra.inputs) + len(self.spectra.outputs)]
-        return MassLine(_response(self, far), sides, self.spectra)
+        return MassLine(_response(self, far), self.columns, self.spectra)
 
     @cached_property
     def start_modes(self) -> Modes:
@@ -305,10 +308,10 @@ class SpectraModel:
 
     @cached_property
     def columns(self) -> sparse.csc_array:
-        """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
+        """Loads, then sensors, each (n_dofs, ...)."""
         structure = self.response.slopes.structure
         loads, sensors = structure.selection(self.spectra.inputs), structure.selection(self.spectra.outputs)
-        return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self.transient.forces)]))
+        return sparse.csc_array(sparse.hstack([loads, sensors]))
 
     def predicted(self, physical: FloatArray) -> ComplexArray:
         """FRFs with errors of channels, (n_frequencies, n_outputs, n_inputs)."""
@@ -332,7 +335,12 @@ class SpectraModel:
         """
         evaluation = self._last.taken(physical) or self._evaluate(physical)
         of_structure = physical[: self.parameters.n_params]
-        receptance_change = self.response.sensitivity_at(of_structure, evaluation.motion, evaluation.y)[:, :, 0]
+        # fields under the forces of the transient, of every degree of freedom at every line, are too many to be kept
+        motion, forces = evaluation.driven.copy(), sparse.csc_array(self.transient.forces)
+        if forces.shape[1]:
+            for part, fields in self.response.solved_at(of_structure, forces):
+                motion[part] += fields @ evaluation.left[part, :, None]
+        receptance_change = self.response.sensitivity_at(of_structure, motion, evaluation.y)[:, :, 0]
         change = receptance_change * evaluation.read[:, :, None]
         if self.spectra.straight:
             change = change + np.einsum("foi,oip->fop", evaluation.aliased, self.mass_line.change(of_structure))
@@ -347,17 +355,16 @@ class SpectraModel:
     def _state(
         self, of_structure: FloatArray, read: ComplexArray, stated: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transient forces, motions under unit forces at sensors, and FRFs with channel errors.
+        """Motions under loads, motions under unit forces at sensors, and FRFs with channel errors.
 
-        Shapes (n_frequencies, n_dofs, n_inputs + n_forces), (n_frequencies, n_dofs, n_outputs) and (n_frequencies,
-        n_outputs, n_inputs). `of_structure` are the parameters of the structure; `read` (n_frequencies, n_outputs) and
+        Shapes (n_frequencies, n_dofs, n_inputs), (n_frequencies, n_dofs, n_outputs) and (n_frequencies, n_outputs,
+        n_inputs). `of_structure` are the parameters of the structure; `read` (n_frequencies, n_outputs) and
         `stated` (n_frequencies, n_inputs) are the factors of sensors and of load cells.
         """
-        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        n_in = len(self.spectra.inputs)
         fields = self.response.fields_at(of_structure, self.columns)
-        y = fields[:, :, n_in : n_in + n_out]
-        x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
-        h = readings_of(sparse.csr_array(self.columns[:, n_in : n_in + n_out].T), x[:, :, :n_in])
+        x, y = fields[:, :, :n_in], fields[:, :, n_in:]
+        h = readings_of(sparse.csr_array(self.columns[:, n_in:].T), x)
         h = h * read[:, :, None] * (self.spectra.hold_factor[:, None] / stated)[:, None, :]
         if self.spectra.straight:
             h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(of_structure)
@@ -399,11 +406,11 @@ class SpectraModel:
         n = self.transient.forces.shape[1]
         left = coefficients[:n] + self.transient.relative_laplace[:, None] * coefficients[n : 2 * n]
         acting = force * self.spectra.hold_factor[:, None] / stated
-        motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
+        driven = x @ acting[:, :, None]
         aliased = _alias_factors(self.spectra, read, stated) * force[:, None, :]
         free = (reach @ left[:, :n, None])[:, :, 0]
         data = stack_real(left_over[0])
-        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, linear, data)
+        return Evaluation(y, read, h * force[:, None, :], free, driven, left, aliased, whitening, linear, data)
 
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
         """Derivative of the motions by the channel errors, (n_frequencies, n_outputs, n_errors), not whitened.

@@ -50,11 +50,17 @@ class SearchStateStore(Protocol):
 
 
 class StageCourse(NamedTuple):
-    """Course of the search of one stage: free variables (n_iterations + 1, n_params) and sums of squares beside them."""
+    """Course of the search of one stage: free variables (n_iterations + 1, n_params), sums of squares beside them, and data."""
 
     name: str
     history: FloatArray
     costs: FloatArray
+    n_data: int
+
+    @property
+    def n_rows(self) -> int:
+        """Rows of data that its iterations evaluated, all together."""
+        return (len(self.costs) - 1) * self.n_data
 
 
 @dataclass(frozen=True, eq=False)

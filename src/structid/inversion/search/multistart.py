@@ -359,17 +359,39 @@ def _complete_searches(
 ) -> list[tuple[Minimum, int]]:
     """`minima` with their numbers of iterations, after the stopped searches near the best were completed.
 
-    A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest.
+    A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest. One that was stopped
+    on the way to an end that another reached is taken to step there.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
-    ended = []
+    ended: list[tuple[Minimum, int]] = []
+    completed: list[Minimum] = []
     for number, (minimum, iterations) in enumerate(minima):
         if minimum.message == LEFT and minimum.costs[-1] <= most:
-            name = f"search {number + 1}, final" if number else "final"
-            minimum = _after(minimum, work.minimize(problem, method, minimum.theta, named(progress, name)))
-            iterations += len(minimum.inner) - len(minima[number][0].inner)
+            reached = next((other for other in completed if _leads_to(problem, minimum, other)), None)
+            if reached is None:
+                name = f"search {number + 1}, final" if number else "final"
+                end = work.minimize(problem, method, minimum.theta, named(progress, name))
+                minimum, iterations = _after(minimum, end), iterations + len(end.inner)
+                completed.append(minimum)
+            else:
+                minimum, iterations = _after(minimum, _one_step_to(reached)), iterations + 1
         ended.append((minimum, iterations))
     return ended
+
+
+def _one_step_to(end: Minimum) -> Minimum:
+    """The end of another search as one step that a search is taken to make."""
+    history, costs = (np.array([values[-1], values[-1]]) for values in (end.history, end.costs))
+    return replace(end, history=history, costs=costs, inner=np.zeros(1, dtype=int))
+
+
+def _leads_to(problem: Problem, stopped: Minimum, end: Minimum) -> bool:
+    """True if a search was `stopped` within three standard deviations of the end of another, those that its misfit gives.
+
+    It was stopped where its linear steps gain nearly nothing, so that it ends within these too.
+    """
+    scale = np.sqrt(max(float(end.costs[-1]) / problem.n_data, 1.0))
+    return _distance(end, stopped) <= _SAME * scale
 
 
 def _after(first: Minimum, last: Minimum) -> Minimum:
@@ -446,7 +468,7 @@ def staged(
     for name, stage in stages:
         minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
         theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
-        courses.append(StageCourse(name, minimum.history, minimum.costs))
+        courses.append(StageCourse(name, minimum.history, minimum.costs, stage.n_data))
     if stages and cost_at(problem, start) < cost_at(problem, theta):
         theta = start
     minimum = minimize(problem, method, theta, named(progress, prefix + "final"))

@@ -146,7 +146,7 @@ def restored_minimum(problem: Problem, method: Method, stored: StoredValues) -> 
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
     linearization = method.at(problem, theta).at
     stages = tuple(
-        StageCourse(str(stage["name"]), np.asarray(stage["history"]), np.asarray(stage["costs"]))
+        StageCourse(str(stage["name"]), np.asarray(stage["history"]), np.asarray(stage["costs"]), int(stage["n_data"]))
         for stage in stored["stages"]
     )
     return Minimum(
