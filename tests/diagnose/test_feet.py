@@ -51,7 +51,7 @@ def test_hinges_of_all_supported_nodes_are_clamped_together_by_springs_of_one_st
     [row] = _clamps([support("1X"), *springs], {1, 8}, 7.0)
     assert (row.candidate.where, row.strength, row.left) == (("1RZ", "8RZ"), 60.0, 7.0)
     assert row.candidate.sentence(None) == "something holds 1RZ, 8RZ: springs to the ground"
-    added, unknown = row.candidate.edits(SimpleNamespace(unique_name=str), 60.0)
+    added, _ = row.candidate.edits(SimpleNamespace(unique_name=str), 60.0)
     assert added.entry == {"name": "spring 1RZ", "first": ["1RZ", "8RZ"], "stiffness": 60.0}
     assert _clamps(springs[:3], {1, 8}, 7.0) == []
 
