@@ -293,3 +293,21 @@ def test_the_course_of_every_stage_is_kept_and_stored():
     assert [stage.name for stage in search.stages] == ["mild", "steep", "final"]
     np.testing.assert_array_equal(search.stages[-1].history, search.history)
     assert search.n_rows == 2 * search.n_iterations  # of one search, two data each
+
+
+def test_a_stage_is_left_where_it_hardly_gains_any_more_and_the_search_itself_is_not(monkeypatch):
+    stage, crawl = LevenbergMarquardt().for_stages(), 0.999 ** np.arange(16)
+    assert stage.has_stalled(crawl)
+    assert not stage.has_stalled(crawl[:15])
+    assert not stage.has_stalled(0.99 ** np.arange(16))
+    assert not LevenbergMarquardt().has_stalled(crawl)
+    monkeypatch.setattr(type(stage), "has_stalled", lambda self, costs: len(costs) > 2)
+    left = minimize(TwoWells(), stage)
+    assert len(left.inner) == 2
+    assert left.message == "the search hardly gains any more"
+
+
+def test_a_stage_that_gains_goes_on_to_its_end():
+    stage = minimize(TwoWells(), LevenbergMarquardt().for_stages())
+    assert stage.converged
+    assert stage.costs[-1] < 1e-6

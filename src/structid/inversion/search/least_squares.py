@@ -240,6 +240,10 @@ class Method(Protocol[P]):
         """The method of easier forms of the problem, which only lead near."""
         ...
 
+    def has_stalled(self, costs: Sequence[float]) -> bool:
+        """True where a search with the sums of squares `costs`, the start's first, gains too little to go on."""
+        ...
+
     def for_polishing(self) -> Method[P]:
         """A copy for a start that is known to be close to the minimum."""
         ...
@@ -325,6 +329,9 @@ def minimize(
             progress(iteration + 1, here.cost)
         if trial.end is not None:
             end = trial.end
+            break
+        if method.has_stalled(costs):
+            end = End(True, "the search hardly gains any more")
             break
         if keeper is not None:
             keeper.keep(iteration + 1, here.cost, partial(_state, damping, tuple(history), tuple(costs), tuple(inner)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, cast
 
@@ -41,6 +42,8 @@ _OF_REDUCED = 1e-8
 #: Part of the sum of squares that linear steps promise at most where one of several searches is left, and a search is not taken
 #: to gain more than so many times what they promise.
 _LEFT_AT, _MOST_GAINED = 1e-5, 4.0
+#: Iterations of a stage that together must lower its sum of squares by more than this part.
+_PATIENCE, _STALLED = 15, 0.03
 
 
 class WithJacobian:
@@ -49,7 +52,10 @@ class WithJacobian:
     is_matrix_free: ClassVar[bool] = False
 
     def for_stages(self) -> LevenbergMarquardt:
-        return LevenbergMarquardt(max_iterations=600, gain_tolerance=1e-6)
+        return _ForStages(max_iterations=600, gain_tolerance=1e-6)
+
+    def has_stalled(self, costs: Sequence[float]) -> bool:
+        return False
 
     def for_reduced(self) -> Self:
         return self
@@ -270,6 +276,15 @@ class LevenbergMarquardt(WithJacobian):
         if not damped.length(acceleration) <= self.acceleration * damped.length(step):
             return None
         return np.asarray(step + 0.5 * acceleration)
+
+
+@dataclass(frozen=True)
+class _ForStages(LevenbergMarquardt):
+    """Searches that lead near a minimum: they end where many iterations gain little, as along a valley that leads nowhere."""
+
+    def has_stalled(self, costs: Sequence[float]) -> bool:
+        """True where the last 15 iterations lowered the sum of squares by less than 3 %."""
+        return len(costs) > _PATIENCE and costs[-1] > (1 - _STALLED) * costs[-1 - _PATIENCE]
 
 
 @dataclass(frozen=True)

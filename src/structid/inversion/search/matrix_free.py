@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, cast
 
@@ -114,6 +115,9 @@ class MatrixFree:
 
     def for_polishing(self) -> MatrixFree:
         return replace(self, initial_damping=1e-9)
+
+    def has_stalled(self, costs: Sequence[float]) -> bool:
+        return False
 
     def raced(self, above: float) -> MatrixFree:
         return self
