@@ -339,7 +339,7 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
 def _by_modes(
     base: FittedModel, rows: Sequence[Screened], work: TaskExecutor, name: str, budget: SearchBudget
 ) -> list[Screened]:
-    """Screened candidates `rows` sorted by the misfit of measured modes after one linear step; the first six stay.
+    """The first six of `rows` in their order, then the rest by rising misfit of measured modes after one linear step.
 
     A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are
     computed from them. `work` and `budget` run and limit the linear steps; `name` is that of the stage in progress

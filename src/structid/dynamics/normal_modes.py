@@ -260,10 +260,10 @@ def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: f
 def _root(
     mass: FloatArray, stiffness: FloatArray, operator: sparse.csr_array | None, shift: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.intp]] | None:
-    """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None if there is no R.
+    """Triangle R, R'R = K + `shift` M, L (n_dofs, rank of M), L L' = M, and `order`; None if K + `shift` M has no R.
 
-    `mass` and `stiffness` are M and K, (n_dofs, n_dofs). R comes from a QR decomposition with B (`operator`), or from
-    Cholesky's of the shifted stiffness if that is None.
+    Columns of R and rows of L are the degrees of freedom `order`. `operator` is B with K = B'B: R comes from a pivoted
+    QR of [B; sqrt(shift) L']; from Cholesky's of K + `shift` M, in plain order, if it is None.
     """
     has_mass = np.diag(mass) > 0
     size = np.sqrt(np.where(has_mass, np.diag(mass), 1.0))
@@ -353,12 +353,10 @@ def _add_missed_modes(
     eigenvalues: FloatArray,
     shapes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Lowest modes (eigenvalues omega^2, ascending, and vectors), with those that Lanczos has missed.
+    """Lowest modes (omega^2 rising, vectors), as many as given: those that Lanczos missed push out the highest.
 
-    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
-    others by rounding alone. A block of random vectors searches beside `shapes` until nothing changes. `eigenvalues`
-    and `shapes` are those that Lanczos found about `shift`, `inverse` that of the shifted stiffness; `energy` gives
-    V'KV of a space V. `mass` is (n_dofs, n_dofs).
+    `eigenvalues` and `shapes` (n_dofs, n_modes) are Lanczos' about `shift` < 0, `inverse` is (K - `shift` M)^-1,
+    `energy` gives V'KV of a space V. Of equal modes one vector sees one: random ones beside `shapes` find the others.
     """
     count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):

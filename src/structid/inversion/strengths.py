@@ -75,8 +75,8 @@ class LocalModel:
     def solved(self, strengths: tuple[FloatArray | float, ...]) -> LocalFit:
         """Least-squares fit of the linear model with the square of each penalty row multiplied by a strength.
 
-        `strengths` has an entry for each penalty: a number, or an array with one for each row. Undetermined directions
-        get the shortest step.
+        `strengths` has an entry for each penalty: a number, or an array with one for each row. In undetermined
+        directions the step is the shortest for columns scaled to unit norm, not in the variables themselves.
         """
         triangle, projected, rest = self._data_triangle
         roots = [np.sqrt(np.broadcast_to(s, p.residual.shape)) for s, p in zip(strengths, self.penalties, strict=True)]

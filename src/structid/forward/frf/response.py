@@ -285,10 +285,10 @@ def _coupled(
     sides: Channels,
     slopes: StiffnessSlopes,
 ) -> SubstructureCoupling:
-    """Solver of a structure coupled to its measured components, with the driving supports `bases` released.
+    """Solver of `structure`, whose driving supports `bases` are released already, coupled to its measured components.
 
-    The interface columns are those of the bases, then of the components. `solver` is that of the structure alone,
-    `sides` its loads and sensors. Raises `InputError` if the record has a window decay and there are components.
+    `solver` is that of it alone, `slopes` its matrices and their derivatives, `sides` its loads and sensors. Columns:
+    bases, then components. `InputError` for window decay with components, friction or a sensor at `bases`.
     """
     driven = _driven(structure, bases, record, sides)
     interface = structure.selection([dof for component in structure.measured for dof in component.interface])

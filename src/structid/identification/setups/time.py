@@ -316,9 +316,10 @@ def _modes_behind_the_samples(problem: RecordProblem) -> tuple[str, ...]:
 
 
 def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
-    """Problem of the finite spectra of a set-up on the lines that `options` choose.
+    """Problem of the finite spectra of `setup` on the lines that `options` choose.
 
-    For other ways of fitting, channels declared exact get a small noise, so that their weight is finite.
+    If `setup` is fitted in another way than by spectra, noise below 1e-6 of a channel's rms (declared exact) is raised
+    to that. `InputError` if a tone is not below half the sampling rate, or declared channel errors do not fit.
     """
     record, settings = setup.record, setup.settings
     if (

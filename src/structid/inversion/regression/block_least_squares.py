@@ -203,11 +203,10 @@ def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> Block
 
 
 def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.ndarray:
-    """Mask (n_params,) of parameters that take part in an undetermined direction with the `weak` columns.
+    """Mask (n_params,) of parameters that share an undetermined direction with the `weak` ones, which are False in it.
 
-    `rows` (n_rows, n_params) are scaled, `weak` (n_params,) is a mask, and `factor` the triangle without the weak
-    columns. Two random mixtures of the weak columns are expressed by all others; a parameter takes part with a factor
-    above 1e-6.
+    `rows` (n_rows, n_params) have scaled columns; `factor` is the triangle without the `weak` (n_params,) columns. Two
+    random mixtures of these are fitted by the others; those with a coefficient above 1e-6 in either count.
     """
     mixture = np.zeros((rows.shape[1], 2))
     mixture[weak] = np.random.default_rng(0).uniform(0.5, 1.5, (int(weak.sum()), 2))

@@ -304,10 +304,10 @@ def posterior(data: BandLines, frequencies: Sequence[float]) -> Posterior:
 
 
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
-    """Chart at the minimum that Newton's method reaches from `modes`, decrease still expected there, and Hessian.
+    """Chart about the modes where Newton's method from `modes` ended, decrease still expected before, and Hessian.
 
-    At most `n_steps` are taken. The decrease is that of twice the negative log-likelihood (Newton's decrement),
-    infinite if no step was tried. The Hessian (size, size) is NaN where the steps did not suffice or it is not finite.
+    The Hessian (size, size) is that of the negative log-likelihood in the chart's coordinates; all NaN if `n_steps`
+    did not suffice or an entry is not finite. The decrease is of twice that function; infinite if none was computed.
     """
     place = chart(modes)
     unknown = np.full((place.size,) * 2, np.nan)

@@ -196,11 +196,10 @@ def _quantities_and_factors(
 def _even_samples(
     path: Path, function: Dataset58, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
 ) -> tuple[float, float, FloatArray, str]:
-    """Sampling rate in Hz, first time in s, evenly spaced samples (n_times, n_channels), and a note on the clock.
+    """Sampling rate (Hz), first time (s), even samples (n_times, n_channels), note on the clock ("" if plainly even).
 
-    `time` (n_times,) is in s, `values` (n_times, n_channels) are the samples as read, `to_seconds` is the factor from the abscissa
-    of `function` to s. The note is "" for a plainly even clock. Uneven times are resampled if `options.resample` is set, else
-    they raise `FileError`.
+    `options.sampling_rate` replaces the rate of even times; `InputError` if it contradicts them. `options.resample`
+    lets uneven ones be resampled (n_times may change), else `FileError`, as for a rate that rounding leaves too vague.
     """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:
