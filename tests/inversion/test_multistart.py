@@ -296,15 +296,30 @@ def test_the_course_of_every_stage_is_kept_and_stored():
 
 
 def test_a_stage_is_left_where_it_hardly_gains_any_more_and_the_search_itself_is_not(monkeypatch):
-    stage, crawl = LevenbergMarquardt().for_stages(), 0.999 ** np.arange(16)
+    racing = LevenbergMarquardt().raced(np.inf)
+    stage, crawl = racing.for_stages(), 0.999 ** np.arange(16)
     assert stage.has_stalled(crawl)
     assert not stage.has_stalled(crawl[:15])
     assert not stage.has_stalled(0.99 ** np.arange(16))
-    assert not LevenbergMarquardt().has_stalled(crawl)
+    for never in (racing, racing.patient().for_stages(), LevenbergMarquardt().for_stages()):
+        assert not never.has_stalled(crawl)
     monkeypatch.setattr(type(stage), "has_stalled", lambda self, costs: len(costs) > 2)
     left = minimize(TwoWells(), stage)
     assert len(left.inner) == 2
     assert left.message == "the search hardly gains any more"
+
+
+@pytest.mark.parametrize(("is_good", "expected"), [(True, 1), (False, 4)])
+def test_stages_that_were_left_are_searched_to_their_end_where_no_minimum_fits(monkeypatch, is_good, expected):
+    """Two restarts, then the first search again: its end is no better, so that the others are not made again."""
+    kind = type(LevenbergMarquardt().raced(np.inf).for_stages())
+    monkeypatch.setattr(kind, "has_stalled", lambda self, costs: len(costs) > 2)
+    paths = ((("easier", TwoWells(start=(0.7,))),),)
+    found = searched_minima(TwoWells(), LevenbergMarquardt(), paths, Search(restarts=2), lambda minimum: is_good)
+    lengths = [len(minimum.stages[0].costs) - 1 for minimum, _ in found.minima]
+    assert len(lengths) == expected
+    assert lengths[0] == 2
+    assert is_good or lengths[3] > 2
 
 
 def test_a_stage_that_gains_goes_on_to_its_end():

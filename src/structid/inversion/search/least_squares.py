@@ -240,7 +240,11 @@ class Method(Protocol[P]):
         """The method of easier forms of the problem, which only lead near."""
         ...
 
-    def has_stalled(self, costs: Sequence[float]) -> bool:
+    def patient(self) -> Method[P]:
+        """A copy whose easier forms of the problem are never left early."""
+        ...
+
+    def has_stalled(self, costs: Sequence[float] | FloatArray) -> bool:
         """True where a search with the sums of squares `costs`, the start's first, gains too little to go on."""
         ...
 

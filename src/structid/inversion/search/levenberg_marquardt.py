@@ -42,6 +42,8 @@ _OF_REDUCED = 1e-8
 #: Part of the sum of squares that linear steps promise at most where one of several searches is left, and a search is not taken
 #: to gain more than so many times what they promise.
 _LEFT_AT, _MOST_GAINED = 1e-5, 4.0
+#: Most iterations of a stage, and the part of its sum of squares that its last step promises to gain.
+_STAGE_ITERATIONS, _STAGE_GAIN = 600, 1e-6
 #: Iterations of a stage that together must lower its sum of squares by more than this part.
 _PATIENCE, _STALLED = 15, 0.03
 
@@ -52,9 +54,12 @@ class WithJacobian:
     is_matrix_free: ClassVar[bool] = False
 
     def for_stages(self) -> LevenbergMarquardt:
-        return _ForStages(max_iterations=600, gain_tolerance=1e-6)
+        return LevenbergMarquardt(max_iterations=_STAGE_ITERATIONS, gain_tolerance=_STAGE_GAIN)
 
-    def has_stalled(self, costs: Sequence[float]) -> bool:
+    def patient(self) -> Self:
+        return self
+
+    def has_stalled(self, costs: Sequence[float] | FloatArray) -> bool:
         return False
 
     def for_reduced(self) -> Self:
@@ -282,7 +287,7 @@ class LevenbergMarquardt(WithJacobian):
 class _ForStages(LevenbergMarquardt):
     """Searches that lead near a minimum: they end where many iterations gain little, as along a valley that leads nowhere."""
 
-    def has_stalled(self, costs: Sequence[float]) -> bool:
+    def has_stalled(self, costs: Sequence[float] | FloatArray) -> bool:
         """True where the last 15 iterations lowered the sum of squares by less than 3 %."""
         return len(costs) > _PATIENCE and costs[-1] > (1 - _STALLED) * costs[-1 - _PATIENCE]
 
@@ -297,10 +302,21 @@ class Raced(LevenbergMarquardt):
         Sum of squares from which on an end is of no use, or of use only where no other search ends below it.
     left_at : float
         Part of the sum of squares that linear steps promise at most before a search is ended.
+    is_patient : bool
+        Whether easier forms of the problem are searched to their end; else they are left where they hardly gain any more.
     """
 
     above: float = np.inf
     left_at: Positive = _LEFT_AT
+    is_patient: bool = False
+
+    def for_stages(self) -> LevenbergMarquardt:
+        if self.is_patient:
+            return super().for_stages()
+        return _ForStages(max_iterations=_STAGE_ITERATIONS, gain_tolerance=_STAGE_GAIN)
+
+    def patient(self) -> Raced:
+        return replace(self, is_patient=True)
 
     def tried(self, problem: Problem, point: FactoredPoint, damping: Damping) -> IterationResult:
         """Levenberg-Marquardt trial from `point`, or the end of a search that will probably stay above `self.above`.

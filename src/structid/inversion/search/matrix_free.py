@@ -116,7 +116,10 @@ class MatrixFree:
     def for_polishing(self) -> MatrixFree:
         return replace(self, initial_damping=1e-9)
 
-    def has_stalled(self, costs: Sequence[float]) -> bool:
+    def patient(self) -> MatrixFree:
+        return self
+
+    def has_stalled(self, costs: Sequence[float] | FloatArray) -> bool:
         return False
 
     def raced(self, above: float) -> MatrixFree:

@@ -149,8 +149,8 @@ def searched_minima(
     other paths in turn, then random points. `uniqueness_starts` more take the first path from random points in any
     case, or the larger of these and `doubt_starts` where an answer that fits is doubtful. Where there are restarts, a
     search that clearly misses the noise and hardly gains any more is stopped, and completed only if its end is nearly
-    the best. Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is
-    the same.
+    the best; an easier form is left where it hardly gains any more, and searched to its end where no minimum fits.
+    Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
 
     Parameters
     ----------
@@ -192,8 +192,10 @@ def searched_minima(
             good = fits(minima[-1][0])
             if good:
                 break
-    minima = _complete_searches(problem, method, minima, progress, work)
     used = max(0, len(minima) - len(chosen))
+    if not good:
+        minima, good = _search_patiently(problem, racing, chosen, starts, minima, fits, progress, work)
+    minima = _complete_searches(problem, method, minima, progress, work)
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
@@ -210,6 +212,36 @@ def searched_minima(
     problem = problem if search.wide_problem is None else search.wide_problem(best.theta)
     wide, is_complete = _wide_minima(problem, method, chosen[0], start, search, grouped, progress, work)
     return SearchedMinima(minima + wide, is_complete)
+
+
+def _search_patiently(
+    problem: Problem,
+    racing: Method,
+    paths: Sequence[ContinuationPath],
+    starts: Sequence[tuple[int, int, FloatArray]],
+    minima: list[tuple[Minimum, int]],
+    fits: Callable[[Minimum], bool],
+    progress: StageProgress | None,
+    work: TaskExecutor,
+) -> tuple[list[tuple[Minimum, int]], bool]:
+    """`minima`, then those of searches made again with their stages to the end, and True if the last of them fits.
+
+    Only searches that left a stage early are made again, in their order, from their items in `starts`: until one fits or does
+    not lower the least sum of squares by 1 %. `paths` are the continuation paths, `racing` is the method of the searches.
+    """
+    shared = (problem, racing.patient(), tuple(paths))
+    stalled = [any(map(racing.for_stages().has_stalled, [stage.costs for stage in one.stages])) for one, _ in minima]
+    for number in map(int, np.flatnonzero(stalled)):
+        least = min(float(minimum.costs[-1]) for minimum, _ in minima)
+        item = (len(minima), *starts[number][1:])
+        (task,) = work.map("patient searches", _search, shared, [item], progress, first=number)
+        minima = [*minima, _read_minimum(problem, racing, task)]
+        again = minima[-1][0]
+        if fits(again):
+            return minima, True
+        if again.costs[-1] * _NEAR_BEST > least:
+            break
+    return minima, False
 
 
 def expected_answers(n_searches: int, n_answers: int) -> float:
