@@ -63,7 +63,7 @@ def explain(identification: Identification, seconds: float | None = None) -> Dia
     Raises
     ------
     InputError
-        If `seconds` is not greater than 0, or the identification does not know its set-ups.
+        If `seconds` is not greater than 0, or `identification` is no `Identification` or does not know its set-ups.
     """
     if seconds is not None and not (isinstance(seconds, Real) and seconds > 0):
         raise InputError(
@@ -97,7 +97,9 @@ def diagnose_identification(
     identification : Identification
         The answer.
     explain : bool, optional
-        True to search for causes in any case, False for never; by default (None) only where the answer is not sound.
+        True to search for causes wherever that can be done, False for never. By default (None) only where the answer is
+        not sound or a fixed value is clearly doubted, and nothing simpler (noise level, too few data) explains the
+        misfit.
     work : TaskExecutor
         Runs the screening and the fits of candidates.
     budget : SearchBudget

@@ -205,7 +205,10 @@ def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
 
 
 def _friction_like(cause: Cause) -> tuple[Cause, ...]:
-    """Friction in place of a damper to the ground, which the record cannot distinguish; empty for other causes."""
+    """Dry friction, as a tuple of one cause, that one force level cannot distinguish from a damper to the ground.
+
+    Empty if `cause` is no damper, or one between two degrees of freedom.
+    """
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
     words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"

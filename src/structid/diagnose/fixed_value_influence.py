@@ -84,9 +84,10 @@ class FixedValueSensitivity:
 
     @property
     def words(self) -> str:
-        """Clause on the value that the record would prefer, and the parameter that would move with it, if any matters.
+        """Clause on the value that the record would prefer, and the parameter that would move farthest with it.
 
-        Where a clock or sampling rate that is off looks the same, the clause says so instead, with the factor on the
+        A parameter is named only if it moves beyond its 95 % interval and by 1 %. Where a clock or sampling rate that
+        is off looks the same (`is_like_clock`), the clause names that instead of the parameter, with the factor on the
         stiffnesses.
         """
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
@@ -106,8 +107,8 @@ class FixedValueSensitivity:
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
         """True if the record prefers another value beyond chance and three tolerances, and a parameter would move.
 
-        `risk` is the chance that any of `among` fixed values of a right model is doubted. False if the noise level is
-        unknown.
+        The parameter must move beyond its 95 % interval and by 1 %, or a clock look the same. `risk` is the chance that
+        any of `among` fixed values of a right model is doubted. False if the noise level is unknown.
         """
         matters = self.is_like_clock or self.moved_by_pull is not None
         if not self.pull_std > 0 or not matters or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:

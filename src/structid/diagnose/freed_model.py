@@ -37,9 +37,10 @@ def fixed_value_sensitivities(model: TestedModel, identification: Identification
     Returns
     -------
     tuple of FixedValueSensitivity
-        In the order of the properties. Empty for models of more than 1200 degrees of freedom, for searches without a
-        Jacobian, and if nothing is fixed. Values that cannot be freed are left out. The change that the record asks for
-        is NaN where the residual is not noise.
+        In the order of the properties. Empty for models of more than 1200 degrees of freedom or without matrices, for
+        searches without a Jacobian, and if nothing is fixed. Values that cannot be freed, and those that the data do
+        not see, are left out. The standard deviation of the change that the record asks for is NaN where the residual
+        is not noise.
     """
     setup, estimate = model.setups[0], identification.estimate
     is_small = setup.structure.n_dofs <= MOST_DOFS and identification.target is not None

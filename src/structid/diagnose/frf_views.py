@@ -46,9 +46,10 @@ class FrfView:
     chosen: FloatArray | None = None
 
     def smoothed_at(self, level: float) -> FrfRecord | None:
-        """FRFs smoothed with a decay of `level` times the angular frequency; None where lines or model allow none.
+        """FRFs of the record smoothed with a decay of `level` times the angular frequency; None if it cannot be done.
 
-        Made at the first call, then cached in `self.smooth`.
+        That is where the lines of the record do not allow this decay, or the model has no modes. Made at the first
+        call, then cached in `self.smooth`.
         """
         if level not in self.smooth:
             has_modes = self.problem.structure.has_modes
@@ -60,7 +61,7 @@ class FrfView:
     def near(self) -> FloatArray:
         """Frequencies in Hz, (n,), of the lines on which quick fits of changes are made.
 
-        The chosen ones, else up to 300 lines of the record, evenly chosen.
+        `self.chosen` if that is not None, else up to 300 lines of the record, evenly chosen.
         """
         if self.chosen is not None:
             return self.chosen

@@ -88,7 +88,10 @@ class AddPart:
     record: int | None = None
 
     def apply(self, draft: ModelDraft) -> None:
-        """Add the element set or tie to the structure of its record, or of all records where `record` is None."""
+        """Add the element set or tie of type `self.table`, with the arguments `self.entry`, to a model draft.
+
+        The draft changes in place: the structure of record `self.record`, or of all records where that is None.
+        """
         structures = draft.structures if self.record is None else [draft.structure_of(self.record)]
         for structure in structures:
             if self.table in _TIES:

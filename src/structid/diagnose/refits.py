@@ -128,9 +128,9 @@ class FittedModel:
         return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT, columns)
 
     def _within_tolerances(self, fixed_values: FixedValues) -> FitWithinTolerances | None:
-        """Fit with fixed values free that the tolerance test of this fit is of, computed again; None without a test.
+        """Fit with fixed values free within tolerances, behind the tolerance test of this fit; None without a test.
 
-        At the free variables that the test has; by a new search if these are not known.
+        It is computed again: at the free variables that the test has stored, or by a new search if it has none.
         """
         names, test = self.modified.target.names, self.tolerance_test
         if test is None:

@@ -126,9 +126,10 @@ def shortlist_candidates(
 ) -> Shortlist:
     """Candidates that are worth a fit, screened at several points with parameters that follow linearly.
 
-    A candidate counts at a point if it lowers the misfit there by more than 2 %, or if the initial model shows it
-    already. The best of each point and kind come first, by the largest part of the misfit that they remove at any
-    point; at most 38 are taken.
+    A candidate counts at a point if it lowers the misfit there by more than 2 %; exchanged channels and gains that the
+    initial model shows, and channels with most of the misfit, count in any case. The best of each point and kind come
+    first, by the largest part of the misfit that they remove at any point (for modes by `_by_modes`); at most 38 are
+    taken.
 
     Parameters
     ----------
@@ -236,10 +237,11 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
 
 
 def _clamps(candidates: Iterable[Candidate], held_nodes: Collection[int], left: float) -> list[Screened]:
-    """Candidates that the supported nodes are held in one rotation too, all together: feet drawn as hinges that are clamped.
+    """Candidates that supported nodes are held in a rotation too: one for each direction in which 2 to 8 rotate.
 
-    One foot of two explains half of it. `candidates` are all changes, `held_nodes` the supported nodes, and `left` is the misfit
-    without changes.
+    Feet drawn as hinges may be clamped, and one foot of two explains half of the misfit. `candidates` are all changes,
+    of which springs to the ground at `held_nodes`, the supported nodes, count. Each has its largest strength and
+    `left`, the misfit without changes.
     """
     of_direction: dict[str, list[SpringToGround]] = {}
     for candidate in candidates:
@@ -342,8 +344,8 @@ def _by_modes(
     """The first six of `rows` in their order, then the rest by rising misfit of measured modes after one linear step.
 
     A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are
-    computed from them. `work` and `budget` run and limit the linear steps; `name` is that of the stage in progress
-    messages.
+    computed from them. `rows` are screened candidates; `work` and `budget` run and limit the linear steps; `name` is
+    that of the stage in progress messages.
     """
     left = np.array(
         screen_changes(

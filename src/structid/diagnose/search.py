@@ -333,7 +333,7 @@ def _alone(explanation: Explanation, fitted: FittedModel, work: TaskExecutor) ->
 def _from_elsewhere(base: FittedModel) -> FittedModel | None:
     """Unchanged study fitted anew from the end of its quick fit and from its fit; None if that fails.
 
-    None too if it leaves 90 % of the chi-square or more.
+    None too if the study has no quick fit, or the new fit leaves 90 % of the chi-square or more.
     """
     if not base.near_path:
         return None
@@ -696,10 +696,11 @@ def requested_changes(base: FittedModel, work: TaskExecutor = SERIAL) -> Explana
 
 
 def _weighed(base: FittedModel, fits: Sequence[FittedModel], tried: int) -> Explanation:
-    """`Explanation` by the full fits of changes: causes among them, the lowest criterion first, and the likely ones.
+    """`Explanation` by the full fits of changes: causes among them, and the likely ones, sorted by criterion.
 
-    Of fits at one position only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the
-    likely ones have a criterion less than 6 above the lowest, that of `base` included.
+    In this order a kind of change that resembles a simpler one is set back by its `handicap`. Of fits at one position
+    only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the likely ones have a
+    criterion less than 6 above the lowest, that of `base` included.
     """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]

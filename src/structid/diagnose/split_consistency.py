@@ -143,11 +143,12 @@ class _Parts(NamedTuple):
 
 
 def _fit_part(parts: _Parts, item: tuple[int, FloatArray], tools: TaskContext) -> _Fit:
-    """Fit of one part of the data: ``values``, ``std`` and ``changes`` by fixed values; an empty dict where it fails.
+    """Fit of one part of the data, as a dict of arrays; an empty dict where it fails.
 
-    `values` and `std` are (n_params,); `changes` are those of `FixedValueInfluence`, (n_params, n_fixed + 1), for
-    ``errors`` of as many, or one column of zeros where fixed values are exact. `item` is the number of the part (from
-    0) and the free variables (n_params,) at which its fit starts. `tools` is not used.
+    ``values`` and ``std`` (n_params,) are physical, with fixed values exact; ``changes`` (n_params, n_causes) are those
+    by one ``errors`` (n_causes,) of each fixed value, and a last one for the second order (one column of zeros if all
+    are exact). `item` is the number of the part, from 0, and the free variables at which its fit starts. `tools` is not
+    used.
     """
     number, start = item
     search = Search(restarts=0, start=start)

@@ -269,9 +269,9 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
     """Block number of each data row, (n_data,), in one or two groupings: by stretches of lines, and by channels.
 
-    Blocks of lines are about four correlation lengths of `residual` (n_data,) long, at least ten if there are as many
-    lines. The grouping by channels (real and imaginary part together) is left out if there are fewer than four. `lines`
-    and `series` (n_data,) number the line and channel of each row.
+    Stretches are about four correlation lengths of `residual` (n_data,) long, shorter where there would be fewer than
+    ten of them, but at least one line. The grouping by channels (real and imaginary part together) is left out if there
+    are fewer than four. `lines` and `series` (n_data,) number the line and channel of each row.
     """
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)

@@ -161,7 +161,8 @@ def balanced_strengths(
     """Penalty strengths, one for each of `terms`, at which penalty and data have information of equal trace.
 
     The trace runs over the members of the penalty; information is that on the free variables `theta` (n_params,).
-    Entries of `given` that are not None are strengths that are known and stay; a positive number at least.
+    Entries of `given` that are not None are known strengths and stay. Unless all are known, 0 becomes the least
+    positive float.
     """
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
@@ -177,8 +178,9 @@ def balanced_strengths(
 def _new_strength(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
     """New strength of the penalty `term`: number of determined combinations over the squared residual at strength 1.
 
-    `physical` (n_params,) are the values and `determined` that number. It changes at most by a factor of 30 from `strength`,
-    the present value, and of 1e8 from `begun`, the first one.
+    `physical` (n_params,) are the values and `determined` that number; without a positive quotient the strength rises
+    as far as allowed. It changes at most by a factor of 30 from `strength`, the present value, and of 1e8 from `begun`,
+    the first.
     """
     rows = term.residual(physical)
     cost = float(rows @ rows)

@@ -754,11 +754,11 @@ def _refit_once(
 
 
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
-    """Status of an estimate from its best minimum, its uncertainty and the number of fitting answers.
+    """Status of an estimate from its best minimum, its uncertainty and the number of answers that fit.
 
-    Not converged if the search of `best` did not, the data can determine every parameter by the bound at the start, and
-    the fit misses the noise or all free parameters are determined. Else not identifiable if one of these is not
-    determined or two answers or more fit, and converged otherwise. Parameters at a bound need not be determined.
+    Not converged if the search of `best` did not, `uncertainty.carried` is True for every parameter, and the fit misses
+    the noise or all free parameters are identified. Else not identifiable if one of these is not identified or two
+    answers or more fit, and converged otherwise. Parameters at a bound are not free.
     """
     spread = uncertainty.spread
     is_determined = bool((spread.identified | ~spread.is_free).all())

@@ -32,10 +32,11 @@ class AxialForce(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate axial force for each beam or bar set that has none; no candidates where there are more than six.
+        """A candidate axial force for each beam or bar set that has none; no candidates where more than six have none.
 
-        The sets are those of the first record's structure, which must not be one-dimensional. Strengths are forces, N:
-        plus and minus 0.3 times the Euler load of the set as one strut. `problems` are not used.
+        The sets are those of the first record's structure; none in one dimension. Strengths are forces, N: plus and
+        minus 0.3 times the Euler load of the set as one strut (bars: the force of a strain of 0.001). `problems` are
+        not used.
         """
         structure = model.setups[0].structure
         slack = [

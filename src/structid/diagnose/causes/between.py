@@ -109,10 +109,10 @@ class LoadBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidates that a measured force acts between its node and a neighbour on a bar or beam, one each.
+        """A candidate for each load and each neighbour of its node on a bar or beam: the load acts between the two.
 
         `records` are the receptances of each record. Strengths are fractions of the way to the neighbour, 0.1 to 0.9.
-        Motions of supports have none. `record_names` are not used.
+        Motions of supports have no candidates. `record_names` are not used.
         """
         for channel, other, bends in _channels_and_neighbours(records, 2):
             if records[channel.record].problem.facts.measures_force:

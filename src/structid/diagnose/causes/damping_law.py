@@ -58,8 +58,8 @@ class DampingLaw(Candidate):
         """Candidate for the damping law that a set does not have: viscous for a set with a loss factor, and vice versa.
 
         `middle` is a frequency in mid-band, Hz, at which the viscous damping of the first guess is 30 % of that of the
-        loss factor; its strength is in s. The strength for a loss factor is 0.005. None for sets that can have no loss
-        factor, or no viscous damping instead.
+        loss factor; its strength is in s. The strength for a loss factor is 0.005. Yields nothing for sets that can
+        have no loss factor, or that have one and can have no viscous damping.
         """
         known = declarations(element)
         if "loss_factor" not in known:

@@ -26,11 +26,11 @@ class Dashpot(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate dampers from chosen degrees of freedom to the ground, then across springs of which both ends move.
+        """Candidate dampers from degrees of freedom to the ground, then across springs of which both ends move.
 
-        `records` are the receptances of each record; the first one counts. Of many springs 150 are tried, evenly
-        chosen. Strengths are viscous dampings, 0.005 to 60 times the one as stiff as the structure there.
-        `record_names` are not used.
+        Degrees of freedom are those of `chosen_nodes` (up to 60, and those of channels); of more than 150 springs as
+        many are tried, evenly chosen. Only the first of `records` (receptances of each) counts. Strengths are viscous
+        dampings, 0.005 to 60 times the one as stiff as the structure there. `record_names` are not used.
         """
         first = records[0]
         places = [((dof.place,), direction) for dof, direction in chosen_dofs(first)]

@@ -52,9 +52,10 @@ class SensorGain(Gain):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each sensor: errors of calibration and mistaken units.
+        """A candidate gain for each sensor of a record with several: an error of calibration or a mistaken unit.
 
-        Records of a single sensor have none. `records` are the receptances of each record; `record_names` are not used.
+        Strengths are logarithms of gains, among them those of mistaken units of motion. `records` are the receptances
+        of each record; `record_names` are not used.
         """
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
@@ -92,8 +93,9 @@ class LoadGain(Gain):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate gains, as logarithms, of each load or driven support: errors of calibration and mistaken units.
+        """A candidate gain for each load or driven support, also a single one: calibration error or mistaken unit.
 
+        Strengths are logarithms of gains, among them those of mistaken units of force, or of motion for a support.
         `records` are the receptances of each record; `record_names` are not used.
         """
         for receptances, channel in channels(records, 2):
@@ -196,9 +198,10 @@ class RecordGain(Gain):
         return [AddChannelError(self.record or 0, {"property": "gain", "outputs": "all", "start": start, "name": name})]
 
     def mistaken_unit(self, gain: float | None) -> str:
-        """The units, in words, that all sensors or all loads were read in by mistake; "" where none fits within 5 %.
+        """The units, in words, that all sensors or loads were read in by mistake; "" where none fits `gain` to 5 %.
 
-        A factor such as 9.80665 is that of a unit of motion and of one of force.
+        Also "" for None and for a gain that is not positive. A factor such as 9.80665 is that of a unit of motion and
+        of one of force: both are named.
         """
         if gain is None or gain <= 0:
             return ""

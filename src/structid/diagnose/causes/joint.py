@@ -70,9 +70,10 @@ class FlexibleJoint(Candidate):
         return 0.5
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """Edits that put a rotational spring between the element's end and its node in `model`, with unknowns.
+        """Edits that put a rotational spring of unknown stiffness between the element's end and its node in `model`.
 
-        Its stiffness starts at the inverse of `strength`, a compliance in rad/(N m).
+        The stiffness starts at the inverse of `strength`, a compliance in rad/(N m). If `self.loss_factor` is not None,
+        the spring has that loss factor, as a further unknown.
         """
         element, place = self.where
         name = model.unique_name(f"joint {element} {place}")

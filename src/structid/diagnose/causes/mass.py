@@ -37,10 +37,11 @@ class Mass(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate masses at chosen nodes, in all records together and, if there are several, in each record alone.
+        """Candidate masses at nodes that translate, common to all records and, if there are several, in each alone.
 
-        `records` are the receptances of each record, `record_names` their names. Strengths are masses, kg, of either
-        sign. Records whose data show no place have none alone.
+        Nodes are those of `chosen_nodes` (up to 60, and those of channels) by the first record or by that record;
+        records of models too large for it (`has_places`) have none alone. Strengths are masses, kg, of either sign.
+        `records` are the receptances of each record, `record_names` their names.
         """
         yield from cls._at_nodes(records[0])
         for number, receptances in enumerate(records if len(record_names) > 1 else ()):

@@ -27,10 +27,10 @@ class OutlyingLines(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """A candidate for each record of FRFs some of whose lines stand out, all such lines of the record together.
+        """A candidate for each record of FRFs with lines whose misfit is over 8 times that of the lines about them.
 
-        `problems` has one problem for each record; `residual` (n_rows,) are the whitened data rows of all of them, one
-        after another.
+        It holds all spans of such lines of the record (see `outlying_spans`). `problems` has one problem for each
+        record; `residual` (n_rows,) are the whitened data rows of all of them, one after another.
         """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             spans = outlying_spans(problem, own) if isinstance(problem, FrfProblem) else ()

@@ -29,10 +29,11 @@ class AddedRotaryInertia(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], record_names: Sequence[str]) -> Iterator[Candidate]:
-        """Candidate inertias at free rotations of chosen nodes; a negative one takes away less than the model has there.
+        """Candidate rotary inertias at free rotations of nodes; negative ones take away less than the model has there.
 
-        `records` are the receptances of each record; the first one counts. Strengths are rotary inertias, kg m^2, 0.005
-        to 60 times, of either sign, the one as stiff as the structure there. `record_names` are not used.
+        Nodes are those of `chosen_nodes` (up to 60, and those of channels). Only the first of `records` (receptances of
+        each) counts. Strengths are rotary inertias, kg m^2, 0.005 to 60 times, of either sign, the one as stiff as the
+        structure there. `record_names` are not used.
         """
         first, nodes = records[0], chosen_nodes(records[0])
         mass, free = first.structure.matrix("mass", first.values), set(first.structure.numbering.free)

@@ -43,6 +43,11 @@ class SpringToGround(Candidate):
         return self._direction, (self.kind, self.strengths.tobytes())
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """Edits that add a spring of unknown stiffness, which starts at `strength` (N/m or N m/rad), to the ground.
+
+        It acts at each degree of freedom in `self.where`. If `self.loss_factor` is not None, the spring has that loss
+        factor, as a further unknown.
+        """
         name = model.unique_name(f"spring {self.where[0]}")
         first = list(self.where) if len(self.where) > 1 else self.where[0]
         entry = {"name": name, "first": first, "stiffness": rounded(strength)}

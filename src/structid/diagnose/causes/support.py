@@ -78,14 +78,15 @@ class Support(Candidate):
         return effect_of_release(receptances, coupling[:, :, index[0]], own[:, index[0]], strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """Edits that replace the support in `model` by a spring to the ground, or to a new node that the base moves.
+        """Edits that replace the supports in `self.where` by springs to the ground, or to a node that the base moves.
 
-        Its stiffness is unknown and starts at the inverse of the compliance `strength`.
+        Their stiffness is one unknown, which starts at the inverse of the compliance `strength` (m/N or rad/(N m)). If
+        `self.loss_factor` is not None, the springs have that loss factor, as a further unknown.
 
         Raises
         ------
         InputError
-            If no record holds the support.
+            If one of the directions is fixed in no record.
         """
         dof = parse_dof(self.where[0])
         held = {one.unsigned for setup in model.setups for one in setup.structure.fixed}

@@ -26,10 +26,11 @@ class Tone(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """A candidate for each record of histories fitted as spectra in which steady tones show, all its tones together.
+        """A candidate for each record of histories fitted as spectra whose misfit shows steady tones: all of them.
 
-        `problems` has one problem for each record; `residual` (n_rows,) are the whitened data rows of all of them, one
-        after another.
+        A tone is a line whose misfit stands out and falls off to both sides as that of a sine (see `tones`). `problems`
+        has one problem for each record; `residual` (n_rows,) are the whitened data rows of all of them, one after
+        another.
         """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             heard = tones(problem, own) if isinstance(problem, SpectraProblem) else ()

@@ -271,10 +271,11 @@ def _match_modes(
     refined: RefinedStructure,
     refined_modes: Modes,
 ) -> IntArray:
-    """Number, from 0, of the refined model's mode that matches each of the modes `mode_numbers` by MAC; -1 without a match.
+    """Number, from 0, of the refined model's mode that matches each of the modes `mode_numbers`; -1 without a match.
 
-    A match has a MAC of at least 0.5. `modes` and `refined_modes` are those of the structure and of the `refined` one. `values`
-    (n_values,) are the property values.
+    Modes are paired one to one by MAC with the mass matrix at the present nodes, which must be at least 0.5, among
+    those with frequencies within a factor of e. `modes` and `refined_modes` are those of the structure and of the
+    `refined` one, `values` (n_values,) the property values.
     """
     rows = refined.places(structure)
     mass = structure.matrix("mass", values)

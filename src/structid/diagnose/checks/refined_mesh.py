@@ -144,7 +144,8 @@ def refined(structure: Structure, values: FloatArray, times: int, most_dofs: int
     times : int
         Number of pieces along each edge; a power of 2 for areas and solids.
     most_dofs : int
-        Most degrees of freedom of the result.
+        Most degrees of freedom of the result. Of lines alone it is too large also with more than 100 pieces for an
+        element.
     """
     if not any(made.cells for made in structure.elements):
         more = (times - 1) * n_split(structure) * len(structure.active or DIRECTIONS)

@@ -233,10 +233,11 @@ def optimal(
 
 
 def effective_independence(shapes: FloatArray, count: int) -> tuple[int, ...]:
-    """Indices of `count` sensor places that keep mode shapes (n_places, n_modes) linearly independent.
+    """Ascending indices of `count` sensor places that keep mode shapes (n_places, n_modes) linearly independent.
 
-    The effective independence of place i is row i of Phi times (Phi'Phi)^-1 times the same row: the part of the
-    rank of Phi that would go with it.
+    Of all places the one of least effective independence is left out, again and again, until `count` remain. The
+    effective independence of place i is row i of Phi times (Phi'Phi)^-1 times the same row, with the shapes Phi at the
+    places that are left: the part of the rank of Phi that would go with it.
 
     Parameters
     ----------

@@ -349,7 +349,7 @@ class _Side:
         `inside` and `outside` (None if not met yet) are points on either side of the end, and `last` is the last one
         tried: free variable, root of the deviance, and slope of this root. Without `outside` a step at most triples the
         distance from the estimate. A Newton step that leaves the middle 90 % of the bracket is replaced by linear
-        interpolation.
+        interpolation, or by the middle where the root inside is below a tenth of the wanted quantile.
         """
         start = float(self.estimate.theta[self.index])
         trial, root, rate = last

@@ -112,7 +112,12 @@ class StreamingQr:
         fields : (n_fields, n_times) float array
             Samples.
         work : FoldingKernels, optional
-            Compiled or not, and on how many threads.
+            Compiled or not, and on how many threads; compiled where that pays and numba is installed by default.
+
+        Raises
+        ------
+        InputError
+            If the number of fields is not that of `rows`.
         """
         maker = rows if isinstance(rows, RowMaker) else row_maker(rows, self.columns)
         triangles = folded_fields(self.triangles, maker, fields, work or FoldingKernels())

@@ -269,8 +269,8 @@ class LevenbergMarquardt(WithJacobian):
         """Step with half of its geodesic acceleration, (n_params,), from the `residual` after `step`.
 
         None if `self.acceleration` is 0, if the curvature is below rounding, or if the acceleration is longer than
-        `self.acceleration` times the step. `point` is where the step begins, `damped` its damped Jacobian; `step` is
-        (n_params,), `residual` (n_residuals,).
+        `self.acceleration` times the step, both weighted by the damping's scale of each parameter. `point` is where the
+        step begins, `damped` its damped Jacobian; `step` is (n_params,), `residual` (n_residuals,).
         """
         if self.acceleration <= 0:
             return None

@@ -391,8 +391,9 @@ def _complete_searches(
 ) -> list[tuple[Minimum, int]]:
     """`minima` with their numbers of iterations, after the stopped searches near the best were completed.
 
-    A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest. One that was stopped
-    on the way to an end that another reached is taken to step there.
+    A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest. If it was
+    stopped within three standard deviations of an end to which an earlier one was continued, it gets that end as one
+    more step.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended: list[tuple[Minimum, int]] = []
