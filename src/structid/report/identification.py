@@ -223,8 +223,8 @@ def _other(identification: Identification, index: int) -> dict[str, object]:
 def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Warnings to be shown one by one, and those that repeat one message for many parameters, as two tuples.
 
-    The status and the undetermined directions are shown elsewhere and are in neither. Up to four repetitions stay in
-    the first, which is then all.
+    The status and the undetermined directions are shown elsewhere and are in neither. Where there are no more than four
+    repetitions, they are in the first tuple and the second is empty.
     """
     estimate = identification.estimate
     elsewhere = {f"the data determine {d.words}" for d in estimate.identifiability.directions}
@@ -299,8 +299,9 @@ def _fixed_value_row(sensitivity: FixedValueSensitivity) -> tuple[str, ...]:
 def _cause_row(cause: Cause, first: Cause) -> tuple[str, ...]:
     """Table row of one possible cause: text, share of misfit explained, chi-square, added parameters, largest shift.
 
-    Chi-square is per degree of freedom. `first` is the likeliest cause; the text says if the data cannot distinguish
-    `cause` from it.
+    Chi-square is per degree of freedom. The shift is that of the parameter that moves most in its standard deviations,
+    as "name: before to after" with unit, "" if none is known. `first` is the likeliest cause; the text says if the data
+    cannot distinguish `cause` from it.
     """
     alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not first else ""
     added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
@@ -402,7 +403,10 @@ def _changed_row(result: StudyResult, i: int) -> tuple[str, ...]:
 
 
 def _std_words(result: StudyResult) -> str:
-    """Sentence on the number of posterior draws behind the standard deviations, and how accurately these are known."""
+    """Sentence on the number of posterior draws behind the standard deviations, and how accurately these are known.
+
+    It says that they are not known if no standard deviation has an accuracy.
+    """
     estimate = result.identification.estimate
     spread = estimate.uncertainty.std_error[np.isfinite(estimate.uncertainty.std_error)]
     if not spread.size:

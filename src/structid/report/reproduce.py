@@ -161,7 +161,8 @@ def table_text(table: Table) -> TableText:
     """Table of printed and computed values as text.
 
     Each column becomes three, printed, computed and difference, or one if nothing is printed for it. Computed values
-    have two more decimals, unless all are integers. A single row of more than three integers is transposed.
+    have two more decimals than printed ones, unless all of the column are integers. A single row of more than three
+    integers is transposed.
     """
     whole = bool(np.isfinite(table.printed).all()) and _is_whole(table.printed)
     if whole and len(table.rows) == 1 and len(table.columns) > 3:
@@ -214,7 +215,8 @@ class _Digits:
     def text(self, value: float, more: int = 0) -> str:
         """Text of `value` in the format of the column, with `more` further digits.
 
-        With fixed decimals unless the column has none, the value is not finite, or it is 1e9 or more.
+        It has the decimals of the column, or its significant digits if these are used instead (`self.fixed` is False),
+        and for values of 1e9 or more; a dash if the value is not finite.
         """
         if not np.isfinite(value) or not self.fixed or abs(value) >= 1e9:
             return number(value, self.significant + more)
@@ -230,7 +232,7 @@ def _unpaired_text(value: float) -> str:
 
 
 def _difference_text(value: float) -> str:
-    """Text of the difference `value` with its sign and two significant digits; a dash if it is not finite."""
+    """Text of the difference `value` with its sign and two significant digits; "0" for 0, a dash if not finite."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

@@ -100,11 +100,13 @@ class OpenFolder:
         return os.access(self.root, os.W_OK)
 
     def listing(self) -> dict[str, Any]:
-        """Studies, records, models and results of the folder, up to four levels deep, as lists of mappings with ``path``.
+        """Studies, records, models and results of the folder, up to four levels deep: lists of mappings with ``path``.
 
-        Studies have ``title`` and ``broken`` (the error, "" if none), records ``bytes`` and ``modes`` (True if they hold
-        modes). ``unusable`` lists files that cannot be used, with the reason; ``most`` is None, or 3000 if more files exist and
-        the rest was left out. Only the beginnings of ordinary files are read.
+        Studies have ``title`` and ``broken`` (the error, "" if none), records ``bytes`` and ``modes`` (True if they
+        hold modes), models ``bytes``, results ``changed`` (s since 1970). ``unusable`` lists files that cannot be used,
+        with the reason as ``words``; ``most`` is None, or 3000 if more files exist and the rest was left out.
+        ``folder`` is its path and ``writable`` says if it can be written. Only the beginnings of ordinary files are
+        read.
         """
         files, is_all = self._files()
         lists: dict[str, list[dict[str, Any]]] = {
@@ -241,7 +243,7 @@ class OpenFolder:
             raise FileError(f"{name}: cannot be read as text ({error})") from error
 
     def save(self, name: str, text: str, before: str) -> str:
-        """Save the text of a study if the file still has the digest `before` ("" for a new file), and return its new digest.
+        """Save the text of a study if its file still has the digest `before` ("" if new), and return its new digest.
 
         Other processes may write at the same time; what they wrote is never overwritten.
 
@@ -252,7 +254,7 @@ class OpenFolder:
         InputError
             If `name` does not end in .toml.
         FileError
-            If it cannot be written.
+            If it cannot be written or is no file, or, as `OutsideError`, lies outside the open folder.
         """
         path = self.inside(name)
         if path.suffix.lower() != ".toml":
@@ -273,7 +275,9 @@ class OpenFolder:
         return digest(content)
 
     def data_folder(self, *parts: str) -> Path:
-        """Path of a subfolder `parts` of ``.structid``, the workbench's data folder inside the open folder; created if missing.
+        """Path of the subfolder `parts` of ``.structid``, the data folder in the open folder; created if missing.
+
+        The data folder also gets a ``.gitignore`` that keeps all of it out of version control.
 
         Raises
         ------

@@ -86,9 +86,10 @@ class Workbench:
     watcher: Watcher
 
     def version(self, study: str) -> str:
-        """Digest of names, modification times and sizes of the files in the folder of `study`; "" if the study is missing.
+        """Digest of names, modification times and sizes of the files in the folder of `study`; "" if it is missing.
 
-        It changes whenever one of these files does, and so serves as a cache key.
+        It changes whenever one of these files (10 000 at most) does, and so serves as a cache key. `study` is the path
+        of a file or folder in the open folder; `OutsideError` if it leads out of that.
         """
         path = self.opened.inside(study)
         stamps = []
@@ -641,9 +642,10 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
 
 @cache
 def reading_keys() -> list[dict[str, Any]]:
-    """Options of ``[record]`` and ``[record.csv]`` for reading a file, each with name, description, default and choices.
+    """Options of ``[record]`` and ``[record.csv]`` for reading a file, as mappings for the page, in their order.
 
-    ``within`` is "csv" for keys of ``[record.csv]``, else ""; ``is_list`` and ``is_number`` tell the type.
+    Each has ``name``, ``words`` (description), ``default`` ("" for none) and ``choices`` ([] if it is free). ``within``
+    is "csv" for keys of ``[record.csv]``, else ""; ``is_list`` and ``is_number`` tell the type.
     """
     options = []
     for name, key in table_of(ReadOptions).keys.items():

@@ -93,10 +93,11 @@ class Guard:
         self.app, self.port, self.opened = app, port, opened
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one ASGI request: refuse it with a message, or pass it on with ``scope["opened"]``, the folder of its token.
+        """Handle an ASGI request: refuse it with a message, or pass it on with the folder of its token.
 
-        Bodies may have 2 MB, uploads (PUT) 4 GB. A request without a valid token is refused by 403, a larger body by
-        413. Connections other than HTTP are dropped.
+        The folder is under ``opened`` of the scope. Bodies may have 2 MB, uploads (PUT) 4 GB. A request without a valid
+        token is refused by 403, a larger body by 413. Start and end of the server ("lifespan") are passed on;
+        connections other than HTTP are dropped.
         """
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)

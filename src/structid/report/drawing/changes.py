@@ -115,9 +115,10 @@ def properties_of(structure: Structure, kinds: tuple[str, ...]) -> Iterator[Prop
 
 
 def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, int], int, np.ndarray]]:
-    """Yield key, index and parameter columns of each element of `item` on which a parameter acts.
+    """Yield key, index and parameters of each element of the property `item` on which a parameter acts.
 
-    The key is (element set, row in it); the index is the position of its value among all properties, and its row of `design`.
+    The key is (element set, row in it, from 0); the index is that of its value among all properties, which is its row
+    in `design` (n_values, n_params). The parameters are an int array of the columns that are not 0 in this row.
     """
     for row, index in enumerate(range(item.values.start, item.values.stop)):
         columns = design.indices[design.indptr[index] : design.indptr[index + 1]]
@@ -200,9 +201,9 @@ def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
 
 
 def _merge_changes(first: Change | None, second: Change) -> Change:
-    """Combined change of one element: the larger ratio, significant changes before others, with both texts on two lines.
+    """Combined change of one element: the larger of both by magnitude, significant ones before others, with both texts.
 
-    Identified only if both are; `second` if `first` is None.
+    The texts are on two lines. Identified only if both are; `second` if `first` is None.
     """
     if first is None:
         return second

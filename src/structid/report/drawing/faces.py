@@ -121,8 +121,9 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
     """Nodes of cells that faces hide from view, by label; empty for structures in a plane or without faces.
 
-    A node of another element is never hidden. If nodes times faces exceed 20 million, all nodes that only cells have
-    are hidden. `points` are node positions (2,) on paper, `marks` those of `cell_faces`.
+    Nodes of cells that are no corner of a face in `marks`, such as inner ones of solids, count as hidden; a node of
+    another element never does. If nodes times faces exceed 20 million, all nodes that only cells have are hidden.
+    `points` are node positions (2,) on paper, `marks` those of `cell_faces`.
     """
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:

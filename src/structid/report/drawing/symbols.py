@@ -119,9 +119,9 @@ def arrow_head(tip: FloatArray, along: FloatArray, size: float) -> FloatArray:
 
 
 def turning_arrow(centre: FloatArray, sense: int, radius: float, head: float) -> tuple[FloatArray, FloatArray]:
-    """Shaft (30, 2) and closed head of a curved arrow about `centre`, counterclockwise for `sense` 1, clockwise for -1.
+    """Shaft (30, 2) and closed head (4, 2) of a curved arrow, counterclockwise for `sense` 1, clockwise for -1.
 
-    `head` is the length of the head. `centre` is (2,), `radius` that of the arc.
+    `centre` (2,) is the centre of the arc, `radius` its radius and `head` the length of the head, in drawing units.
     """
     angle = sense * np.linspace(-0.25 * np.pi, 1.15 * np.pi, 30)
     shaft = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])

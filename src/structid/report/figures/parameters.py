@@ -87,8 +87,9 @@ def _ratio_limits(
 
     All are divided by initial values: identified values `ratio` (n_params,), ends of the 95 % intervals `interval` and
     of the priors `prior`, (n_params, 2) each. The mask `is_identified` (n_params,) is True for parameters that the data
-    determine. The axis is logarithmic if all of these, 1 included, are positive and spread over more than a factor of
-    4. Others count if they are near.
+    determine. The axis is logarithmic if all values of these, and 1, are positive and spread over more than a factor of
+    4; its low end is then not far below the least value. Parameters that are not identified widen the limits if they
+    are within a factor of 3 of them or, on a linear axis, within their distance.
     """
     ends = np.concatenate([[1.0], ratio[is_identified], interval[is_identified].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]

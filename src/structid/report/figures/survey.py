@@ -231,7 +231,7 @@ def mpc(result: ModesResult) -> FloatArray:
 
 
 def complexity_figure(result: ModesResult) -> plot.Figure:
-    """Figure of the complex entries of each mode shape, one circle for each mode.
+    """Figure of the complex entries of each mode shape, one circle for each of the first 24 modes.
 
     Each shape is turned to be as real as possible and scaled to a largest entry of size 1.
     """

@@ -338,9 +338,10 @@ def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes:
 
 
 def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> StoredEntry:
-    """Write files of an identified model into the folder ``<results>_exports``; returns messages and paths of the files.
+    """Write files of an identified model into the folder ``<results>_exports``, and say what was written.
 
-    `kind` and `suffix` choose the file, as listed under ``offers`` of `use_facts`; `options` are those of `export_use`.
+    The answer has ``lines``, messages for the user, and ``paths`` of the files in the open folder. `kind` and `suffix`
+    choose the file, as listed under ``offers`` of `use_facts`; `options` are those of `export_use`.
     """
     from structid.workbench.work.use import export_use
 
@@ -353,7 +354,11 @@ def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: 
 
 
 def _solver(opened: OpenFolder, study: str) -> StoredEntry:
-    """Solver command that a study runs, as a mapping with the study's ``folder``; {} if the study runs no solver."""
+    """Solver command that a study runs, as a mapping; {} if the study runs no solver.
+
+    Keys are ``command``, its ``words`` and ``inputs``, ``confirmation`` (digest that the user confirms) and ``folder``,
+    that of the study in the open folder.
+    """
     from structid.study.schema.model.solver import solver_command
     from structid.study.schema.section import read_root
 

@@ -61,7 +61,9 @@ def scene(path: Path, number: int = 0) -> dict[str, StoredEntry]:
 def structure_scene(structure: Structure) -> dict[str, StoredEntry]:
     """Drawing data of a structure: packed node labels and positions (m), element sets, supports, links and mesh points.
 
-    Nodes are named by their row in ``labels``; ``places`` is (n_nodes, 3), padded with zeros; a link lists its main node first.
+    Nodes are named by their row in ``labels``; ``places`` is (n_nodes, 3), padded with zeros; ``moves`` (n_nodes,) sums
+    1, 2 and 4 for the free directions X, Y and Z. ``sets``, ``supports``, ``links`` (main node first) and ``points``
+    are lists; ``dimension`` and ``n_dofs`` are numbers of the structure.
     """
     labels = np.array(list(structure.nodes), dtype=np.int64)
     places = np.zeros((len(labels), 3), dtype=np.float32)
@@ -155,8 +157,9 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
 def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, StoredEntry]:
     """Drawing data of one element set: name, type, element count, and the range of each property in its SI unit.
 
-    Geometry is added under ``connectors``, ``triangles`` (with ``edges`` and ``owners``), ``marks`` or ``lines``, depending on
-    the type. `rows` is a function that turns node labels into rows of the drawn nodes.
+    Geometry is added under ``connectors``, ``triangles`` (with ``edges`` and ``owners``), ``marks`` (with ``weights``,
+    masses of point masses or ones) or ``lines``, depending on the type. `rows` is a function that turns node labels
+    into rows of the drawn nodes.
     """
     properties: list[dict[str, StoredEntry]] = [
         {
