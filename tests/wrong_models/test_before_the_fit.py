@@ -62,7 +62,7 @@ def test_the_mesh_is_judged_and_few_averages_are_told(tmp_path):
     assert "`subdivide = 2` in [structure]" in result.mesh.words
     [fact] = result.beside[0].facts
     assert fact.startswith("coherence from 5 averages: a chi-square of 1.67 per degree of freedom is expected")
-    text = (tmp_path / "study.toml").read_text().replace("[structure]\n", "[structure]\nsubdivide = 4\n", 1)
+    text = (tmp_path / "study.toml").read_text().replace("subdivide = 1\n", "subdivide = 4\n", 1)
     (tmp_path / "study.toml").write_text(text)
     finer = check_study(load_study(tmp_path / "study.toml"))
     assert finer.mesh.words == ""

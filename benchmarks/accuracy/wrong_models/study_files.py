@@ -143,6 +143,7 @@ def _structure(rig: Rig, table: Table, folder: Path) -> dict[str, Any]:
         head["base"] = [{"name": "table", "supports": table["base"]}]
     nodes = {str(node): at for node, at in table["nodes"].items()}
     if not rig.exported:
+        head["subdivide"] = 1  # the simulated structure consists of the drawn elements
         return {**head, "nodes": nodes, **{kind: own for kind, own in table.items() if kind not in PLAIN}}
     groups, files = [], exported(table, tuple(own["name"] for _, own in sets(table)))
     every = list(dict.fromkeys(dof for dofs, *_ in files.values() for dof in dofs))
