@@ -1,7 +1,8 @@
 """`python benchmarks/first_hour.py`: how long the demo's answer is, on the console and on its page, and whether all can read it.
 
-Prints the lines on a console of 120 and of 80 columns, the words of the page before its folds, and what axe-core calls serious at two widths in
-light and dark. `--pictures FOLDER` keeps a picture of each. `--results FOLDER` takes results that are there.
+Prints the lines on a console of 120 and of 80 columns, the words of the page before its folds, and what axe-core calls
+serious at two widths in light and dark. `--pictures FOLDER` keeps a picture of each.
+`--results FOLDER` takes results that are there.
 """
 
 from __future__ import annotations

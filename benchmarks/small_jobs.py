@@ -89,6 +89,11 @@ def main() -> int:
     parser.add_argument("--no-explain", action="store_true", help="no search for causes")
     parser.add_argument("--small", action="store_true")
     arguments = parser.parse_args()
+    unknown = sorted(set(arguments.jobs) - set(JOBS))
+    if unknown:
+        parser.error(f"no job is called {', '.join(unknown)}; jobs are {', '.join(JOBS)}")
+    if arguments.rounds < 1:
+        parser.error(f"--rounds must be at least 1, got {arguments.rounds}")
     flags = ["--no-explain"] * (arguments.no_explain or arguments.small)
     is_same = True
     with tempfile.TemporaryDirectory() as text:

@@ -180,7 +180,8 @@ def known_deviations(seed: int) -> tuple[list[Cluster], np.ndarray]:
         is_mode, alike = near_and_alike(f, np.stack([sweep[k].shapes[:, i] for k, i in places], axis=1), true)
         judged = [c for c, further in zip(judged, alike & ~is_mode, strict=True) if not further]
         is_mode = is_mode[~(alike & ~is_mode)]
-    return judged, is_mode
+    is_known = np.array([np.isfinite(c.excess + c.shape_error) for c in judged], dtype=bool)
+    return [c for c, known in zip(judged, is_known, strict=True) if known], is_mode[is_known]
 
 
 def ambient_record(rng: np.random.Generator, seed: int) -> tuple[sid.TimeRecord, Truth]:
@@ -259,7 +260,7 @@ def main() -> None:
 
     known = [known_deviations(s) for s in range(chosen.seed, chosen.seed + chosen.records) if s % 4 in (0, 3)]
     halves = known[: len(known) // 2], known[len(known) // 2 :]
-    rows = [np.array([evidence(c) for clusters, _ in part for c in clusters]) for part in halves]
+    rows = [np.array([evidence(c) for clusters, _ in part for c in clusters]).reshape(-1, 3) for part in halves]
     is_mode = [np.concatenate([modes for _, modes in part]) for part in halves]
     w = weights(rows[0], is_mode[0])
     print(

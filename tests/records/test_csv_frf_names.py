@@ -162,11 +162,19 @@ def decibels(path, head, phase="1X/3X phase (deg)", reference=1.0):
         ("1X/3X [dB(g/N)] magnitude", 1.0, STANDARD_GRAVITY),
         ("1X/3X magnitude (dB ref. 1e-3 (m/s^2)/N)", 1e-3, 1.0),
         ("1X/3X magnitude (dB rel 20 mm/N)", 20.0, 1e-3),
+        ("1X/3X magnitude (dB re 10^-6 m/N)", 1e-6, 1.0),
+        ("1X/3X magnitude (dB re 1.0e-6m/N)", 1e-6, 1.0),
     ],
 )
 def test_magnitudes_in_decibels_are_read_by_their_reference(tmp_path, head, reference, to_si):
     path, values = decibels(tmp_path / "lab.csv", head, reference=reference)
     np.testing.assert_allclose(read_record(path).values[:, 0, 0], values * to_si, rtol=1e-12)
+
+
+def test_decibels_of_a_reference_of_0_are_refused(tmp_path):
+    path, _ = decibels(tmp_path / "lab.csv", "1X/3X magnitude (dB re 0 g/N)")
+    with pytest.raises(FileError, match="does not say what 0 dB is"):
+        read_record(path)
 
 
 def test_decibels_without_a_reference_need_the_unit(tmp_path):

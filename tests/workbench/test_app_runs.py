@@ -237,7 +237,7 @@ def test_the_first_lines_of_a_table_are_shown_as_they_stand(open_folder):
     assert (status, answer["error"]) == (422, "there is no encoding 'klingon'; write utf-8, cp1252 or utf-16")
     assert bench.post("lines", {"record": "../lab.csv"})[0] == 403
     status, answer = bench.post("lines", {"record": "gone.csv"})
-    assert (status, answer["error"]) == (422, "gone.csv: is not there any more; it was moved or removed")
+    assert (status, answer["error"]) == (422, "gone.csv: is not there any more; put it back, or choose another record")
 
 
 def test_progress_goes_on_where_it_was_read_to(tmp_path):

@@ -304,7 +304,7 @@ async def _lines(bench: Workbench, request: Request) -> Response:
         content = await asyncio.to_thread(read_start, path, _PREVIEW_BYTES)
         text = content.decode(encoding, "replace")
     except FileNotFoundError:
-        raise FileError(f"{body['record']}: is not there any more; it was moved or removed") from None
+        raise FileError(f"{body['record']}: is not there any more; put it back, or choose another record") from None
     except LookupError:
         raise InputError(f"there is no encoding {encoding!r}; write utf-8, cp1252 or utf-16") from None
     lines = text.splitlines()[:_PREVIEW_LINES]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from structid.cli.base import NOT_DETERMINED, StudyPath, fail, say
 
 _KEPT_BYTES = 500_000_000
@@ -32,4 +34,4 @@ def check(study: StudyPath) -> None:
     if not result.determined:
         fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
     first = "look at the warnings, then " if result.warnings else ""
-    say(f"Next: {first}`structid identify {study}`")
+    say(f"Next: {first}`{shlex.join(['structid', 'identify', str(study)])}`")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from functools import partial
 from pathlib import Path
@@ -52,9 +53,9 @@ def init(
         made = template_with(kind, values | _ask_values(kind, set(values)))
     path = write_study(made, study or beside_call(f"{template}.toml"))
     say(f"{path} is written.")
-    say(f"Look at it: `structid app {path.parent}`")
-    say(f"Before the test: `structid plan {path}`")
-    say(f"After the test: name its file under [record], then `structid check {path}`")
+    say(f"Look at it: `{shlex.join(['structid', 'app', str(path.parent)])}`")
+    say(f"Before the test: `{shlex.join(['structid', 'plan', str(path)])}`")
+    say(f"After the test: name its file under [record], then `{shlex.join(['structid', 'check', str(path)])}`")
 
 
 def _parse_settings(pairs: list[str]) -> dict[str, str]:

@@ -132,7 +132,7 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
         piece = data.seconds / len(subspace.windows)
         least = LIKELY if motion.explains_most else _RATHER  # a weak pole of a decay must not pass for certain
         found, changes = surest_poles(subspace, sweep, found, changes, data.seconds, piece, least)
-        if not motion.explains_most:
+        if not motion.explains_most and data.n_channels > 1:  # one channel has no shape that could move
             found, others, changes = _told_by_deviations(subspace, sweep, found, others, changes, notes)
         picked, found, changes = by_frequency(found, changes)
     modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
@@ -619,7 +619,7 @@ def _told_by_deviations(
     every, changes = _surest_of_doubtful(subspace, sweep, every, changes.with_changes(*more))
     judged = with_deviations(subspace, sweep, every, changes)
     poles, shapes = _scaled_poles(sweep, judged, scale)
-    taken = [m for m in range(n) if not judged[m].probability < _RATHER]  # also where few orders leave it unknown
+    taken = [m for m in range(n) if not (np.isfinite(judged[m].excess) and judged[m].probability < _RATHER)]
     for m in sorted(range(n, len(judged)), key=lambda m: -judged[m].probability):
         is_further = _is_further(poles[[*taken, m]], shapes[:, [*taken, m]], len(taken))[-1]
         if judged[m].probability >= LIKELY and not is_further:

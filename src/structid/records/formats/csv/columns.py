@@ -75,7 +75,9 @@ _ESTIMATOR_OF = re.compile(
 )
 #: The unit of a magnitude in decibels: the size of the reference, 1 by default, and its unit.
 _DECIBEL = re.compile(
-    r"dB\s*(?:re(?:f|l)?\b\.?:?)?\s*(?P<size>\d+(?:\.\d*)?(?:e[+-]?\d+)?\b)?\s*(?P<unit>\S.*)?", re.IGNORECASE
+    r"dB\s*(?:re(?:f|l)?\b\.?:?)?\s*(?:10\^(?P<power>[+-]?\d{1,2})|(?P<size>\d+(?:\.\d*)?(?:e[+-]?\d{1,2})?))?"
+    r"\s*(?P<unit>\S.*)?",
+    re.IGNORECASE,
 )
 _PART_WORD = re.compile(
     rf"(?<![^\W\d_])(?:{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})(?![^\W\d_])", re.IGNORECASE
@@ -523,14 +525,15 @@ def _unit_and_reference(
             " the response itself, or give the column another name or unit",
         )
     reference = bare_unit(decibel["unit"] or options.unit)
-    if not reference:
+    size = float(decibel["size"] or 1.0) * 10.0 ** int(decibel["power"] or 0)
+    if not reference or not size > 0:
         raise _column(
             table,
             j,
             text="does not say what 0 dB is; head it as in 12Z+/3Z+ magnitude (dB re 1 (m/s^2)/N), or say the unit whose 1 is"
             f" 0 dB by {option_words(unit='(m/s^2)/N')}",
         )
-    return reference, part, float(decibel["size"] or 1.0)
+    return reference, part, size
 
 
 def _match_pair(name: str) -> re.Match[str] | None:
