@@ -57,7 +57,8 @@ def diagnose_by_search(
 
     `sensitivities` are those of the answer to fixed values, `work` runs the fits, and `find_disagreements` returns
     parts of the data whose fits disagree. Where the search fails, the diagnosis says so and has no causes; where it
-    found a better fit of the unchanged model, the diagnosis says that the identification missed it.
+    found a better fit of the unchanged model, it says that the identification missed it; where nothing explains a
+    misfit of modes that is like noise but for its size, the noise level is the cause.
     """
     estimate = identification.estimate
     try:

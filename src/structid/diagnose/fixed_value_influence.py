@@ -69,7 +69,7 @@ class FixedValueSensitivity:
 
     @property
     def moved_by_pull(self) -> int | None:
-        """Position of the parameter that the pull moves farthest; None unless beyond its 95 % interval and by 1 %."""
+        """Index of the parameter that the pull moves farthest; None if by no more than 2.2 deviations or 1 %."""
         moves = 100 * np.abs(self.distance * self.pull)
         matters = (moves > MATTERS) & (np.abs(self.influence * self.pull) > SHIFTS)
         return int(np.argmax(np.where(matters, moves, 0.0))) if matters.any() else None
@@ -86,9 +86,9 @@ class FixedValueSensitivity:
     def words(self) -> str:
         """Clause on the value that the record would prefer, and the parameter that would move farthest with it.
 
-        A parameter is named only if it moves beyond its 95 % interval and by 1 %. Where a clock or sampling rate that
-        is off looks the same (`is_like_clock`), the clause names that instead of the parameter, with the factor on the
-        stiffnesses.
+        A parameter is named only if it moves by more than 2.2 standard deviations and 1 %. Where a clock or sampling
+        rate that is off looks the same (`is_like_clock`), the clause names that instead of the parameter, with the
+        factor on the stiffnesses.
         """
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
         words = f"the record prefers {self.name}, fixed in the model, {more}"
@@ -107,8 +107,8 @@ class FixedValueSensitivity:
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
         """True if the record prefers another value beyond chance and three tolerances, and a parameter would move.
 
-        The parameter must move beyond its 95 % interval and by 1 %, or a clock look the same. `risk` is the chance that
-        any of `among` fixed values of a right model is doubted. False if the noise level is unknown.
+        The parameter must move by more than 2.2 standard deviations and 1 %, or a clock look the same. `risk` is the
+        chance that any of `among` fixed values of a right model is doubted. False if the noise level is unknown.
         """
         matters = self.is_like_clock or self.moved_by_pull is not None
         if not self.pull_std > 0 or not matters or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:

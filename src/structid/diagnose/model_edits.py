@@ -672,9 +672,9 @@ class LetVary:
     name: str
 
     def _mark(self, entries: Sequence[Tables]) -> bool:
-        """Mark the first unknown of this name in `entries` as varying from record to record; True if there is one.
+        """Mark the first of the unknowns `entries` that is named `self.name` as varying from record to record.
 
-        The entries are changed in place. Unknowns declared with ``each`` do not count.
+        True if there is one. The entries are changed in place. Unknowns declared with ``each`` do not count.
         """
         for entry in entries:
             if label_of(entry) == self.name and not entry.get("each"):

@@ -425,9 +425,9 @@ def _of_whole_sets(base: FittedModel, rows: Sequence[Screened]) -> list[Screened
 def _of_one_card(screened_rows: Sequence[Screened]) -> list[Screened]:
     """Candidate delays shared by sensors of one record that are late by about the same time, as on one card.
 
-    `screened_rows` are the most telling first. Delays within a factor of 1.5 of the first one count. One candidate is
-    for the first two sensors, one for the first three, and so on, each with their median delay; empty for fewer than
-    two.
+    `screened_rows` are the most promising first. Delays within a factor of 1.5 of the first one, in its record, count.
+    One candidate is for the first two sensors, one for the first three, and so on, each with their median delay and the
+    misfit that the first of all leaves; empty for fewer than two.
     """
     late = [row for row in screened_rows if isinstance(row.candidate, SensorDelay)]
     alike = [

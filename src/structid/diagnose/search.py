@@ -255,7 +255,7 @@ def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecuto
 def _from_second(
     explanation: Explanation, second: Explanation, work: TaskExecutor, budget: SearchBudget
 ) -> Explanation | None:
-    """Pair with another first cause, if it explains clearly more than the pair with `second`; None otherwise.
+    """Pair with another first cause, if its criterion is lower by over 6 than that with `second`; None otherwise.
 
     The likeliest cause of `second` is fitted alone, and a first cause is searched for in addition to it; then the
     causes of `second` are fitted again in addition to the new first cause. `explanation` has the causes that were found

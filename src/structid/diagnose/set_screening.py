@@ -142,8 +142,9 @@ def screen_changes(
 ) -> list[float]:
     """Misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
 
-    Infinite where there is no such model, its step fails or changes next to nothing, or there is no time for it. Fixed
-    values that are columns of `linearized` need no changed model. `name` is that of the stage in progress messages.
+    Infinite where there is no such model, its step fails, it cannot lower the misfit by 2 %, or there is no time for
+    it. Fixed values that are columns of `linearized` need no changed model. `name` is that of the stage in progress
+    messages.
     """
     known = {
         k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)

@@ -332,10 +332,10 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
     """True if a cause leaves no more than noise, and removes most of the misfit or moves a value that matters.
 
-    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise. With `is_hidden`, parts of
-    the data are missed although the whole is not, and no value needs to move. No more than noise is up to 1.25 times
-    `expected`, or four times if 95 % of the misfit is removed. Most is half of the misfit; if a value matters, 85 % of
-    what goes beyond noise.
+    `misfit` and `expected` are chi-square per degree of freedom, of the answer and of noise. No more than noise is up
+    to 1.25 times `expected`, or four times if 95 % of what goes beyond the noise is removed. Most is half of the
+    misfit; if a value moves by more than 2.2 standard deviations and 1 %, 85 % of what goes beyond noise, or all of it.
+    With `is_hidden`, parts of the data are missed although the whole is not, and no value needs to move.
     """
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
@@ -690,7 +690,7 @@ def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift]
     """First likely change that removes at least half of the misfit and moves a value that matters, and its shift.
 
     None if there is none. Likely are the first of `changes` and those that the data do not distinguish from it. A value
-    matters if it moves beyond its 95 % interval and by more than 1 %. A change that removes less is covered by the
+    matters if it moves by more than 2.2 standard deviations and 1 %. A change that removes less is covered by the
     intervals.
     """
     likely = [change for k, change in enumerate(changes) if k == 0 or change.is_alike]

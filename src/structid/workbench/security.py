@@ -93,10 +93,10 @@ class Guard:
         self.app, self.port, self.opened = app, port, opened
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle an ASGI request: refuse it with a message, or pass it on with the folder of its token.
+        """Handle an ASGI request: refuse it with a message, or pass it on with the workbench of its token's folder.
 
-        The folder is under ``opened`` of the scope. Bodies may have 2 MB, uploads (PUT) 4 GB. A request without a valid
-        token is refused by 403, a larger body by 413. Start and end of the server ("lifespan") are passed on;
+        The workbench is under ``opened`` of the scope. Bodies may have 2 MB, uploads (PUT) 4 GB. A request without a
+        valid token is refused by 403, a larger body by 413. Start and end of the server ("lifespan") are passed on;
         connections other than HTTP are dropped.
         """
         if scope["type"] == "lifespan":

@@ -42,8 +42,9 @@ class Appendage(Candidate):
         """Candidate appendages at up to 24 nodes, one for each direction of a node and each frequency of resonance, Hz.
 
         `records` are the receptances of each record; the first gives nodes (24 evenly chosen of `chosen_nodes`) and
-        frequencies. Strengths are masses, 0.01 to 3 times the one as stiff as the structure there. Rotations count only
-        at nodes that do not translate, as in drive trains. `record_names` are not used.
+        frequencies. Strengths are masses, or rotary inertias at rotations, 0.01 to 3 times the one as stiff as the
+        structure there. Rotations count only at nodes that do not translate, as in drive trains. `record_names` are not
+        used.
         """
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))

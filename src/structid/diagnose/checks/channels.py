@@ -209,12 +209,13 @@ def _sensors(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -
 def _faults(
     level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
-    """Sensors that fit worse than all others, as (index, fault, logarithm of the level relative to the others).
+    """Sensors that fit worse than all others, as (index from 0, fault, logarithm of the level relative to the others).
 
-    Faults are "turned" (opposite sense at about the same level), "level" (off by more than a factor of 3), and "apart"
-    (a far worse fit). There are none for fewer than three sensors, or where the other sensors do not fit well. `level`
-    is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
-    (n_outputs, n_inputs).
+    Faults are "turned" (phase cosine of at most -0.4 at the level of the others to a factor of 1.7), "level" (off by
+    more than a factor of 3, cosine at least 0.4), and "apart" (cosine below 0.4 or off by more than 2.5, where the
+    median cosine of the others is at least 0.9). There are none for fewer than three sensors, or where that median is
+    below 0.7. `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase
+    angle, both (n_outputs, n_inputs).
     """
     levels, goes = median(level - median(level, 0), 1), median(agreement, 1)
     if len(levels) < 3:

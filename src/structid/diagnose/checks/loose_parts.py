@@ -97,8 +97,9 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
     """Finding that names the elements with half of the elastic energy of the mode with the largest mesh error.
 
-    These are the fewest elements, of most energy, by the present mesh. None if the mesh is fine enough or no mode was
-    judged. `values` (n_values,) are the property values, `mesh` the errors of the same structure.
+    These are the fewest elements, of most energy, by the present mesh. None if no mode was judged, or if `mesh` has
+    nothing to say: no error above what is allowed and no mode lost. `values` (n_values,) are the property values,
+    `mesh` the errors of the same structure.
     """
     if not mesh.words or not mesh.number.size:
         return None

@@ -109,7 +109,10 @@ class MeshErrors:
 
     @property
     def finding(self) -> str:
-        """Clause on modes that the mesh lacks or, without any, on the mode farthest off; "" if it is fine enough."""
+        """Clause on modes that the mesh lacks or, without any, on the mode with the largest error.
+
+        "" if no mode is lacking and no error is above `self.allowed`.
+        """
         if not self.needed and not self.passed_over.size:
             return ""
         if self.passed_over.size:
@@ -129,7 +132,7 @@ class MeshErrors:
 
     @property
     def words(self) -> str:
-        """Clause with the `finding` and a remedy, such as a finer subdivision; "" where the mesh is fine enough."""
+        """Clause with the `finding` and a remedy, such as a finer subdivision; "" where there is no finding."""
         found = self.finding
         if not found:
             return ""
@@ -164,8 +167,8 @@ def mesh_errors(
     band : (float, float)
         Lower and upper end of the frequency band, Hz.
     deviation : float
-        Smallest relative standard deviation of the measured frequencies: a larger mesh error matters. Infinite for
-        records without modes.
+        Smallest relative standard deviation of the measured frequencies; infinite for records without modes. The error
+        of a mode may be as large as this, or as a tenth of its damping ratio if that is less.
 
     Returns
     -------

@@ -137,7 +137,10 @@ LOOKING = Looking()
 
 
 def element_kinds() -> dict[str, StoredEntry]:
-    """Keys of each element type that the page can edit, by type: name, unit, description and whether required."""
+    """Keys of each element type that the page can edit, by type: a list of mappings, one for each key.
+
+    They have ``name``, ``unit``, ``words`` (description) and ``required`` (True if there is no default).
+    """
     kinds: dict[str, StoredEntry] = {}
     for name in EDITED:
         kind = ELEMENT_TYPES[name]
