@@ -76,8 +76,9 @@ class CorrelationRecord(Shown):
     def __post_init__(self) -> None:
         """Make arrays read-only and raise `InputError` on wrong shapes, values not finite, or doubled channels.
 
-        It is raised too if the sampling rate is not positive, lags are too few, an autocorrelation is not positive and
-        largest at lag 0, or all autocorrelations of several channels are 1 there (normalized functions).
+        It is raised too if the sampling rate is not positive, there are fewer than 16 lags, an autocorrelation is not
+        positive and largest in size at lag 0, or all autocorrelations of several channels are 1 there (normalized
+        functions).
         """
         channels, references, quantities = checked_channels(
             self.channels, self.references, self.quantities, self.averages
@@ -151,7 +152,8 @@ def lag_halves(path: Path, lag: FloatArray, values: Mapping[tuple[Dof, Dof], Flo
     """Correlation functions split at lag 0 into non-negative and negative lags, both ordered from lag 0 outwards.
 
     Returns forward and backward functions by pair of channels, each beginning with lag 0, and words on the lags. The
-    backward ones are {} if the lags begin at 0 s and nothing shows that the second half are negative lags.
+    backward ones are {} if the lags begin at 0 s and nothing shows that the second half are negative lags. Lags that
+    begin before 0 s are cut to the length of the shorter side, so that both have as many lags.
 
     Parameters
     ----------
@@ -160,8 +162,8 @@ def lag_halves(path: Path, lag: FloatArray, values: Mapping[tuple[Dof, Dof], Flo
     lag : (n_points,) float array
         Lags in s, evenly spaced, with 0 s among them.
     values : mapping of (Dof, Dof) to (n_points,) float arrays
-        Correlation function of each pair of channels. If the lags begin at 0 s and every autocorrelation is symmetric about
-        the middle, the second half holds the negative lags, as a Fourier transform leaves them.
+        Correlation function of each pair of channels. If the lags begin at 0 s and every autocorrelation is symmetric
+        about the middle, the second half holds the negative lags, as a Fourier transform leaves them.
 
     Raises
     ------

@@ -43,14 +43,18 @@ class LineScatter(NamedTuple):
 
 
 def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
-    """The scatter of neighbouring lines of `record`, with the noise floor that it tells.
+    """Scatter of neighbouring lines of `record` for each pair of sensor and load, and the noise floor that it tells.
 
-    `stated` are the variances that the noise of the values is said to have, (n_lines, n_outputs, n_inputs).
+    Returns (n_outputs, n_inputs) arrays: `floor`, the standard deviation of the noise on the quiet lines, in the unit
+    of the record, 0 where it cannot be told; `quiet` and `loud`, the scatter over the stated deviation on either half
+    of the lines, NaN where there is no floor. `stated` (n_lines, n_outputs, n_inputs) are the variances that the noise
+    is said to have.
 
-    A smooth response cancels in sixth differences of evenly spaced lines, white noise does not (the weights of a difference of
-    order p have the sum of squares C(2 p, p)). The floor is the median of these differences over the half of the windows of
-    seven lines with the smallest values. It is 0 for a pair whose fourth differences give another size, since its noise is not
-    white there or its lines do not resolve the response, and for one with fewer than 40 such windows.
+    A smooth response cancels in sixth differences of evenly spaced lines, white noise does not (the weights of a
+    difference of order p have the sum of squares C(2 p, p)). The floor is from the median square of these differences
+    over the half of the windows of seven lines with the smallest values. It is 0 for a pair whose fourth differences
+    give another size, since its noise is not white there or its lines do not resolve the response, and for one with
+    fewer than 40 such windows.
     """
     shape, n_windows = record.values.shape[1:], len(record.frequency) - _ORDER
     scatter = LineScatter(np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan))

@@ -249,10 +249,11 @@ def _require_no_times(path: Path, values: np.ndarray) -> None:
 
 
 def even_ramp(values: np.ndarray) -> tuple[int, float] | None:
-    """Index of the first column of `values` (n_times, n_channels) that rises in even steps, as times do, and its first step.
+    """Index (from 0) of the first column that rises in even steps, as times do, and its first step in its unit.
 
-    Steps are even if each value is within a tenth of a step of the straight line from the first to the last. None if no column
-    rises so, all do, or there are fewer than 8 samples or two columns.
+    Steps are even if each of `values` (n_times, n_channels) is within a tenth of a step of the straight line from first
+    to last. None if no column rises so, all do, there are fewer than 8 samples or two columns, or values are not real
+    numbers.
     """
     if values.ndim != 2 or min(values.shape) < 2 or len(values) < _FEWEST or values.dtype.kind not in "fiu":
         return None

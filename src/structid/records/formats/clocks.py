@@ -34,16 +34,17 @@ class Rate(NamedTuple):
 def even_rate(time: FloatArray, digits: FloatArray) -> Rate | None:
     """The sampling rate of evenly spaced times; None if they are uneven beyond the rounding of their last digits.
 
-    Returns the rate in Hz, its relative uncertainty, and the largest rounding step in s; the last two are 0 where the times
-    are even without rounding.
+    Returns the rate in Hz, its relative uncertainty, and the largest rounding step in s; the last two are 0 where each
+    step is the mean one to 1e-6 of it. A rate of rounded times that a whole number meets within that uncertainty is
+    that number.
 
     Parameters
     ----------
     time : (n_times,) float array
         Times in s, increasing, two or more.
     digits : (n_times,) float array
-        Size of the last written digit of each time, in s. Deviations of this size count as even, provided that the step is
-        longer than twice the largest of them.
+        Size of the last written digit of each time, in s. Deviations up to 0.75 of it count as even, provided that
+        there are three times or more and the step is longer than twice the largest digit.
     """
     step = float(time[-1] - time[0]) / (time.size - 1)
     rounding = 4 * np.finfo(float).eps * float(np.abs(time).max())

@@ -41,9 +41,10 @@ def whole(
     named: bool = True,
     lines: Lines | None = None,
 ) -> GaplessSamples:
-    """Samples between `options.start` and `options.stop`, with gaps up to `options.longest_gap` samples filled by cubics.
+    """Samples from `options.start` to `options.stop`, gaps up to `options.longest_gap` samples filled by cubics.
 
-    Returns the samples (n_kept, n_channels), the time of the first of them in s, and a note on filled samples ("" for none).
+    Returns the samples (n_kept, n_channels), the time of the first of them in s, and a note on filled samples ("" for
+    none).
 
     Parameters
     ----------
@@ -56,8 +57,10 @@ def whole(
     rate, start : float
         Sampling rate in Hz, and time of the first sample in s.
     options : ReadOptions
+        Without `longest_gap` no gap is filled.
     named : bool
-        True if the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
+        True if the file names its channels, so that `options.channels` chooses among them; the other columns stay, with
+        0 for missing samples.
     lines : Lines, optional
         Line and column numbers, for a file that has lines.
 

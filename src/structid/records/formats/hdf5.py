@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the HDF5 file at `path`: structid's layout, or bare arrays that `options` describe.
 
+    In structid's layout `options` choose among channels and must not contradict the file. Units in attributes of bare
+    arrays stand for options that are not set.
+
     Raises
     ------
     FileError
@@ -88,9 +91,10 @@ def _with_stated_units(
 
 
 def _agree(key: str, option: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
-    """True if the units `option` and the units `stated` by a file agree; a single unit holds for all channels.
+    """True if the units `option` and those `stated` by a file mean the same; a single unit holds for all channels.
 
-    `key` is ``unit``, ``units`` or ``axis_unit`` and decides how texts are parsed.
+    `key` is ``unit`` (of FRFs), ``units`` (of channels) or ``axis_unit`` (of frequencies) and decides how texts are
+    parsed; where one cannot be parsed, the texts must be equal. False if the numbers of units differ otherwise.
     """
     parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
         key

@@ -118,7 +118,11 @@ def record_from(path: Path, fields: Mapping[str, Field]) -> FrfRecord | TimeReco
 
 
 def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
-    """The FRF record made from `fields` in structid's layout; `path` is named in errors."""
+    """The FRF record made from `fields` in structid's layout; `path` is named in errors.
+
+    Raises `FileError` if a field is missing or of the wrong type, `InputError` if the fields do not make a record.
+    Variance, coherence, relative noise and number of averages may be missing (None).
+    """
     frequency = _array(path, fields, "frequency").ravel()
     outputs = parse_dofs(_texts(path, fields, "outputs"))
     inputs = parse_dofs(_texts(path, fields, "inputs"))
@@ -141,7 +145,8 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
 def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
     """The time record made from `fields` in structid's layout; `path` is named in errors.
 
-    Raises `FileError` if the samples are complex.
+    Raises `FileError` if a field is missing or of the wrong type, or the samples are complex. The variance may be
+    missing.
     """
     channels = parse_dofs(_texts(path, fields, "channels"))
     values = _array(path, fields, "values")

@@ -24,14 +24,14 @@ _LARGEST = 2**31 - 1
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the MAT file at `path`: structid's layout, or bare arrays that `options` describe.
 
-    A field of a struct is named with a dot, as in ``test.frf``.
+    In structid's layout `options` choose among channels. A field of a struct is named with a dot, as in ``test.frf``.
 
     Raises
     ------
     FileError
         If the file is not a MAT file or is damaged.
     InputError
-        If it holds bare arrays and an option is missing.
+        If it holds bare arrays and an option is missing, or an option contradicts the file.
     """
     variables = matlab_variables(path)
     fields: dict[str, Field] = {name: value for name, value in variables.items() if not sparse.issparse(value)}

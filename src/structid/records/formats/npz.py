@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the NPZ archive at `path`: structid's own layout, or bare arrays that `options` describe.
 
+    In structid's layout `options` choose among channels.
+
     Raises
     ------
     FileError
         If the file is not an archive, is damaged, or holds Python objects.
     InputError
-        If it holds bare arrays and an option is missing.
+        If it holds bare arrays and an option is missing, or an option contradicts the file.
     """
     arrays = npz_arrays(path)
     if MARK in arrays:

@@ -104,9 +104,10 @@ def read_correlation(path: str | Path, options: ReadOptions | None = None) -> Co
 def _bare_correlation(path: Path, options: ReadOptions) -> CorrelationRecord:
     """The correlation functions in an unlabelled array of a file, as the options describe it, in SI units.
 
-    The array is (n_lags, n_channels, n_references). Lags run from 0 s on at `options.sampling_rate`; a second half with
-    negative lags is dropped. Raises `InputError` if an option is missing or does not fit the array, `FileError` if the
-    array is missing or holds no real numbers.
+    The array is (n_lags, n_channels, n_references). Lags run from 0 s on at `options.sampling_rate`; if all
+    autocorrelations are symmetric about the middle, the second half holds negative lags and is dropped. Raises
+    `InputError` if an option is missing or does not fit the array, `FileError` if the array is missing or holds no
+    numbers.
     """
     _refuse_others(path, options, _OF_CORRELATIONS, "correlation functions")
     names, load = _arrays(path)

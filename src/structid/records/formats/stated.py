@@ -203,6 +203,7 @@ def _require_name_agrees(path: Path, array: str, options: ReadOptions) -> None:
 def _is_other_unit(stated: FrfUnit | Unit, options: ReadOptions, channel: int | None = None) -> bool:
     """True if the options state a unit of the same quantity as `stated`, but of another size.
 
+    Options are `unit` for FRFs (if `frequency_array` is set), else `units`, or without these `quantities`, in SI.
     `channel` is the index of the channel whose option counts; None compares with the options of all channels.
     """
     by_options: list[tuple[str, float]]

@@ -310,9 +310,10 @@ def _peak_loss(power: FloatArray, lines: float) -> float:
 
 
 def _normalized_segments(record: TimeRecord, length: int) -> FloatArray:
-    """Consecutive whole segments, (n_segments, length, n_channels), with mean and power of each channel of the record scaled.
+    """Consecutive whole segments, (n_segments, length, n_channels), of channels with mean 0 and mean square 1.
 
-    Over the whole record, each channel has mean 0 and mean square 1.
+    Mean and mean square are those over the whole record; a constant channel is 0. Samples that fill no segment are left
+    out.
     """
     count = len(record.values) // length
     values = record.values - record.values.mean(axis=0)

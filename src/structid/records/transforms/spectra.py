@@ -212,11 +212,12 @@ def _average_spectra(
     step: int,
     detrend: Detrend,
 ) -> tuple[Spectra, int]:
-    """Auto- and cross-spectra of inputs and outputs, averaged over all segments, and the number of segments.
+    """Spectra averaged over all segments, in the order inputs, outputs by inputs, outputs, and the number of segments.
 
+    They are (n_lines, n_inputs, n_inputs), (n_lines, n_outputs, n_inputs) and, autospectra alone, (n_lines, n_outputs).
     `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin
-    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if `detrend` is unknown or no record is as
-    long as a segment.
+    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if it is unknown or no record is as long
+    as a segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
@@ -321,9 +322,10 @@ def require_repeated(records: Sequence[TimeRecord]) -> None:
 
 
 def require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
-    """Raise `InputError` if repeats differ in channels or sampling rate, or cannot be cut into segments of equal length.
+    """Raise `InputError` if repeats differ in channels or rate, or cannot be cut into segments of equal length.
 
-    `segment_length` may be None only for several records of the same length.
+    `segment_length`, in samples, may be None only for several records of the same length. There must be one record at
+    least.
     """
     if not records:
         raise InputError("`records` must hold at least one time record, got none")

@@ -359,7 +359,11 @@ class _Search:
         return _judge_blocks(blocks, phase, 0, _line_noise(blocks))
 
     def fits(self, frequency: float) -> list[_Evidence]:
-        """Evidence of a steady tone near `frequency` (Hz) and of a tone whose frequency wanders about it, in this order."""
+        """Evidence of a steady tone near `frequency` (Hz), then of one whose frequency wanders about it.
+
+        The frequency is looked for within 0.6 %. Where the record is too short for a spline, both are evidence of a
+        steady tone.
+        """
         start = _Phase(frequency, self.duration, np.zeros(0))
         time, blocks = _demodulated(self.values, self.rate, start)
         frequency += np.clip(_mean_frequency_offset(time, blocks), -_RANGE * frequency, _RANGE * frequency)

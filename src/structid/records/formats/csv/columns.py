@@ -101,8 +101,9 @@ def _column(table: Table, j: int, error: InputError | None = None, text: str = "
 def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
     """The time record of the channels in a CSV table, with gaps filled or refused as `options.longest_gap` allows.
 
-    The column of times gives rate and start, unless `options.sampling_rate` replaces it; columns of dates and columns
-    without a name are left out. None for `options` takes the defaults.
+    The column of times gives rate and start; `options.sampling_rate` must agree with it and then replaces its rate, or
+    stands for a missing column, with the start 0 s. Columns of dates and columns without a name are left out. Uneven
+    times are resampled if `options.resample` is set. None for `options` takes the defaults.
 
     Raises
     ------
@@ -258,10 +259,12 @@ class _Clock(NamedTuple):
 
 
 def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
-    """Sampling rate in Hz, time of the first sample in s and words on them, from the column of times or `sampling_rate`.
+    """Sampling rate in Hz, time of the first sample in s, words on both, and uneven times, from the column of times.
 
-    `axis` is the index of that column, None if there is none. Uneven times that are to be resampled are returned in
-    `uneven`, (n_times,) in s after the start, with rate 0. Raises `FileError` or `InputError` if times and options disagree.
+    `axis` is the index of that column; if None, the rate is `options.sampling_rate` and the start 0 s. A stated rate
+    replaces that of the column, with which it must agree. Uneven times that are to be resampled are returned in
+    `uneven`, (n_times,) in s after the start, with rate 0. Raises `FileError` or `InputError` if times and options
+    disagree.
     """
     stated = options.sampling_rate
     if axis is None:
@@ -537,9 +540,10 @@ def _unit_and_reference(
 
 
 def _match_pair(name: str) -> re.Match[str] | None:
-    """Match of the header `name` as a pair output/input with unit and part; None if it is no such pair.
+    """Match of a header as a pair output/input with unit and part (`re`, `phase`, ...); None if it is no such pair.
 
-    The part follows the pair, or precedes it if both names are degrees of freedom.
+    The part follows the pair in `name`, or precedes it if both names are degrees of freedom; it is put last then.
+    Groups of the match: `output`, `input`, `unit` (in square brackets) or `round` (in round ones), `part`.
     """
     if len(name) > LONGEST_NAME:
         return None

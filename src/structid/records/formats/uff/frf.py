@@ -146,8 +146,9 @@ def _functions_by_pair(path: Path, functions: Sequence[Dataset58], options: Read
     """Functions by (output, input), named by the file, or by `options` for functions that `columns` chooses.
 
     A single name in `outputs` or `inputs` then holds for all functions. Functions without a direction are left out if
-    `options` name others. Raises `FileError` if a pair occurs twice and is not left out, `InputError` if `outputs` or
-    `inputs` are neither 1 nor as many as the chosen functions.
+    `options` name others. Raises `FileError` if a pair occurs twice; without `columns`, of a pair that `options` do not
+    ask for the first is kept. `InputError` if, with `columns`, `outputs` or `inputs` are neither 1 nor as many as the
+    functions.
     """
     named: dict[str, tuple[Dof, ...]] = {}
     for name in ("outputs", "inputs"):

@@ -191,7 +191,7 @@ def _response_and_reference(path: Path, function: Dataset58) -> tuple[Dof, Dof]:
 def _complete_references(
     path: Path, by_pair: Iterable[tuple[Dof, Dof]], mirrored: Container[tuple[Dof, Dof]], nouns: str
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """All channels, and those among them that have a function with every channel, both in order of first occurrence.
+    """All channels, and those that have a function with every channel, itself included, by first occurrence.
 
     `by_pair` are the (response, reference) pairs of the file; those in `mirrored` serve for the reversed pair too.
 

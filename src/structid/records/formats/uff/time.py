@@ -89,11 +89,11 @@ def read_times(
 def _choose_functions(
     path: Path, times: Sequence[Dataset58], options: ReadOptions
 ) -> tuple[Sequence[Dataset58], tuple[Dof, ...], bool]:
-    """Functions to read, their channels, and True if `options.channels` renames the functions that `columns` chose.
+    """Functions to read, their channels, and True if `options.channels` names them instead of choosing them.
 
-    Without `columns`, `channels` chooses among the file's channels, in its order, each with all of its quantities; all
-    functions are read without it. Raises `InputError` if the names differ in number from the chosen functions, or a
-    channel is missing.
+    `times` are all time responses of the file, or those that `options.columns` chose: then `channels` names them one by
+    one. Without `columns`, `channels` chooses among the file's names, in the order of the option, each with all of its
+    quantities; all are read without `channels`. Raises `InputError` if numbers differ or a channel is missing.
     """
     if options.columns and options.channels:
         with about("channels"):
@@ -174,8 +174,8 @@ def _quantities_and_factors(
 ) -> tuple[tuple[Quantity, ...], FloatArray]:
     """Quantities of the channels and their factors to SI, (n_channels,), from `options.units`, or from the file.
 
-    `factors` are those of dataset 164. Raises `InputError` if `options.quantities` contradicts the file. `times` are
-    the functions, one for each of `channels`.
+    `times` are the functions, one for each of `channels`; `factors` are those of dataset 164, None without. Raises
+    `FileError` if neither option nor file states a unit, `InputError` if `options.quantities` contradicts the file.
     """
     if options.units:
         return channel_units(path, channels, options)
@@ -198,8 +198,10 @@ def _even_samples(
 ) -> tuple[float, float, FloatArray, str]:
     """Sampling rate (Hz), first time (s), even samples (n_times, n_channels), note on the clock ("" if plainly even).
 
-    `options.sampling_rate` replaces the rate of even times; `InputError` if it contradicts them. `options.resample`
-    lets uneven ones be resampled (n_times may change), else `FileError`, as for a rate that rounding leaves too vague.
+    `time` (n_times,) is in s, `values` (n_times, n_channels) are the samples as read, `to_seconds` is the factor from
+    the abscissa of `function` to s. `options.sampling_rate` replaces the rate of even times; `InputError` if it
+    contradicts them. `options.resample` lets uneven ones be resampled, else `FileError`, as for a rate that rounding
+    leaves too vague.
     """
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:
