@@ -164,7 +164,10 @@ class ModalRecord(Shown):
             )
 
     def overview(self) -> Overview:
-        """Overview of the modal record: words on modes and channels, and a table with one row for each mode."""
+        """Overview of the modal record: words on modes and channels, and a table with one row for each mode.
+
+        A row has number (from 1), frequency (Hz), damping ratio, and the standard deviation behind either.
+        """
         words = (
             f"{plural(self.n_modes, 'mode')} at {plural(len(self.channels), 'channel')} ({join_words(self.channels)})"
         )
@@ -224,7 +227,10 @@ class ModalRecord(Shown):
         return np.asarray(self.omega * (-ratio + 1j * np.sqrt(1 - ratio**2)))
 
     def some_modes(self, indices: Sequence[int] | IntArray) -> ModalRecord:
-        """Copy with the modes at `indices` (from 0), in increasing order, their covariance, deviations and changes."""
+        """Copy with the modes at `indices` (from 0, in any order) alone, in the record's order.
+
+        Covariance, deviations and changes of these modes stay.
+        """
         keep = np.sort(np.asarray(indices, dtype=int))
         both = np.concatenate([keep, keep + self.n_modes])
         own = self.changes

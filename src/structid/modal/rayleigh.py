@@ -189,7 +189,8 @@ def stationary_values(
     Returns
     -------
     StationaryValues
-        Sorted by real part.
+        Eigenvalues (squared circular frequencies, (rad/s)^2), sorted by real part, with their vectors V and shapes
+        V^-T, (n_channels, n_modes) each, in this order.
 
     Raises
     ------

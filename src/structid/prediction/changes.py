@@ -294,7 +294,7 @@ def _require_positive(name: str, value: float) -> None:
 
 
 def _free_name(structure: Structure, name: str) -> str:
-    """Name for a new element set: `name`, with a number in brackets if an existing name begins with it."""
+    """Name for a new element set that begins no existing name: `name`, or that with (2), (3), ... behind it."""
     taken, number = {element.name for element in structure.elements}, 2
     free = name
     while any(other.startswith(free) for other in taken):

@@ -63,9 +63,11 @@ class ReducedMatrices:
 
 
 def reduce_structure(structure: Structure, values: FloatArray, basis: FloatArray, sides: Sides) -> ReducedMatrices:
-    """Matrices of a structure with the property `values` (n_values,) on the motions `basis` (n_dofs, n_vectors).
+    """Matrices of a structure with the property `values` (n_values,) on its undamped modes within the motions `basis`.
 
-    Modal damping of the structure becomes viscous damping of the modes on the basis; `sides` are inputs and outputs.
+    The result has circular frequencies (rad/s), damping and imaginary stiffness (n_vectors, n_vectors), and the modal
+    motions and forces of the outputs and inputs `sides`. `basis` is (n_dofs, n_vectors). Modal damping of the structure
+    becomes viscous damping of these modes.
 
     Raises
     ------

@@ -72,7 +72,7 @@ class Prediction(Shown):
     draws: NumberArray | None = None
 
     def overview(self) -> Overview:
-        """A line with the shape of the quantity and the median width of its 95 % band."""
+        """A line with quantity, axes, unit and median half-width of the 95 % band, in % of the value; no table."""
         size = np.abs(self.values)
         part = np.divide(self.high - self.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
         axes = ", ".join(plural(len(entries), name) for name, entries in self.quantity.axes.items())

@@ -621,9 +621,10 @@ class ReferenceModes:
     mass: sparse.csc_array
 
     def order_in(self, structure: Structure, others: FloatArray) -> IntArray:
-        """Columns of the mode shapes `others` (n_dofs, n) that match these modes best, no column twice, (n_modes,).
+        """Columns of the mode shapes `others` (n_dofs, n) of `structure` that are most like these modes, in order.
 
-        Shapes are compared at the degrees of freedom that both structures share.
+        The sum of their mass-weighted MAC is the largest possible without a column taken twice; (n_modes,), or fewer if
+        there are fewer columns. Shapes are compared at the degrees of freedom that both structures share.
         """
         index = {dof: row for row, dof in enumerate(structure.dofs)}
         shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]

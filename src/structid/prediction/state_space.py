@@ -364,7 +364,11 @@ class _Equations:
         return float(np.clip((-poles.real / np.abs(poles)).min(), 0.0, _LEAST_DECAY))
 
     def _balance_states(self, highest: float | None) -> _Balance:
-        """Balanced coordinates on the band from 0 to `highest` Hz, or over all frequencies if that is None."""
+        """Balanced coordinates of all but the rigid states on the band from 0 to `highest` Hz, most important first.
+
+        They are columns (n, n) that lead to these states, and rows that lead back. None for `highest` takes all
+        frequencies.
+        """
         r = self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         one = np.eye(len(a))

@@ -267,9 +267,9 @@ def read_modes_csv(path: Path) -> ModalRecord:
 
 
 def _column(table: _Table, name: str) -> FloatArray:
-    """Values of the column `name` in its standard unit, (n_modes,); NaN where a cell is empty or the column is missing.
+    """Values of the column `name` in its standard unit, (n_modes,); NaN for empty cells, ``nan`` or no column.
 
-    `FileError` if a cell is no finite number, or a frequency or deviation is negative.
+    `FileError` if a cell is neither a finite number nor ``nan``, or a frequency or deviation is negative.
     """
     values = np.full(len(table.lines), np.nan)
     if name in table.header:

@@ -172,7 +172,10 @@ class _Listing:
         self.page = _Page(page.subcase, page.superelement)
 
     def _read_table(self, number: int, line: str) -> None:
-        """Read line `number`, a row of the eigenvalue table; raise `FileError` if it is of a buckling analysis."""
+        """Read line `number` (from 1) of the listing, a row of the eigenvalue table, and add it to `table`.
+
+        Any other line is read as one above a title. `FileError` if it is of a buckling analysis.
+        """
         if match := _TABLE_ROW.match(line):
             _, _, cycles, mass, _ = (real_number(text) for text in match[3].split())
             self.table.setdefault(int(match[1]), []).append((real_number(match[3].split()[0]), cycles, mass))

@@ -246,10 +246,11 @@ def _read_datasets(path: Path, blocks: Sequence[UffDataset], notes: list[str]) -
 
 
 def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
-    """Modes with one shape each: displacements preferred to velocities, and one mode of each conjugate pair.
+    """Modes with one shape each, in order: of one kind of dataset, of one motion, one of each conjugate pair.
 
-    Copies in datasets 2414 and real eigenvalues are left out too. Remarks are appended to `notes`. `FileError` if the two kinds
-    of dataset hold different modes, or all eigenvalues are real.
+    Datasets 55 are kept if 2414 hold the same modes, else `FileError`. Where shapes are of several motions, all but
+    those of the lowest derivative (displacement first) are left out. Of complex modes those with a positive imaginary
+    part or at 0 Hz stay; `FileError` if all eigenvalues are real. Remarks are appended to `notes`.
     """
     numbers = {mode.number for mode in modes}
     if len(numbers) > 1:

@@ -73,7 +73,8 @@ def frf_band(record: FrfRecord, low: float, high: float) -> FrfBand:
     """Lines of `record` from `low` to `high` Hz, but not at 0 Hz, each FRF over the scales of output and input.
 
     The scale of an output is its root mean square over lines and inputs, that of an input over lines and scaled
-    outputs. The variance is not below rounding of the FRF; it is None if the record has none or zeros only in the band.
+    outputs; both are in the result, with the Laplace variable (1/s) of the lines and the variance of the scaled FRFs.
+    The variance is not below rounding of the FRF; it is None if the record has none or zeros only in the band.
 
     Raises
     ------

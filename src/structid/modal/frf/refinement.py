@@ -159,9 +159,9 @@ def output_blocks(
 ) -> Iterator[OutputBlock]:
     """Least-squares fit of the shape entries of each output at the poles and participation `at`, output by output.
 
-    Each block has the fitted coefficients, the weighted residual and its derivatives by the poles and participation.
-    They are by the unknowns `free` (column numbers of `slopes`; by default the free ones of `at`), and without columns
-    unless `with_slopes`.
+    A block has the fitted coefficients (those of the columns of `terms`), the weighted residual (real parts, then
+    imaginary ones), and its derivatives by the unknowns `free` of poles and participation (column numbers of `slopes`;
+    by default the free ones of `at`), without columns unless `with_slopes`.
 
     Raises
     ------

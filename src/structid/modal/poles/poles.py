@@ -177,6 +177,8 @@ def state_poles(
 ) -> Poles:
     """Continuous-time poles (rad/s) in the upper half plane, and shapes, of the model x(k+1) = A x(k), y(k) = C x(k).
 
+    Poles are sorted by magnitude; shapes are C v for the eigenvectors v of A, (n_channels, n_poles), not scaled.
+
     Parameters
     ----------
     transition : (order, order) float array

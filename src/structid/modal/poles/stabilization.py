@@ -296,8 +296,10 @@ def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
 def evidence(cluster: Cluster) -> FloatArray:
     """Regressors of the probability that a cluster is a mode, (5,), or (3,) where its deviations are known.
 
-    In order: 1, stability, log10 of the distance, log10 of the energy, and phase collinearity; or 1, log10 of the excess and
-    log10 of the error of the shape, beside which the others tell nothing more.
+    The five: 1, stability, log10 of the distance, log10 of the energy, and phase collinearity. The three, beside which
+    these tell nothing more: 1, log10 of the deviation of the frequency over the least that the record allows
+    (`excess`), and log10 of the deviation of the shape over its size. Values before the logarithm are cut to 1e-6 to
+    1e6.
     """
     distance, energy, excess, error = (
         float(np.log10(np.clip(value, 1e-6, 1e6)))

@@ -100,6 +100,7 @@ def decay_fit(data: ScaledMotion, start: ComplexArray) -> DecayFit | None:
     Returns
     -------
     DecayFit or None
+        Poles (rad/s) with their covariance, and amplitudes (n_modes, n_channels) of each record at its first sample.
         None where the records hold no noise, or the search ends without a minimum or with two poles merged.
 
     Notes

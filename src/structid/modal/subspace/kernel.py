@@ -98,6 +98,12 @@ def shift_invariant(
     complete : bool
         Whether all singular vectors are computed.
 
+    Returns
+    -------
+    Subspace
+        Singular vectors and values, from which the transition matrix of a model of any order up to `max_order` follows,
+        with `data`, `parts`, `windows` and `method` as given.
+
     Raises
     ------
     InputError

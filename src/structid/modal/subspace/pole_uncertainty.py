@@ -56,7 +56,12 @@ class SingularVectorChanges:
 
     @classmethod
     def seen(cls, subspace: Subspace, changes: Iterable[tuple[FloatArray, FloatArray]]) -> SingularVectorChanges:
-        """Changes from pairs d_b V_n, (n_rows, max_order), and d_b' U_n, (n_columns, max_order), one after another."""
+        """Changes d_b of the matrix U S V' of `subspace`, reduced to their products with its singular vectors.
+
+        `changes` yields pairs d_b V_n, (n_rows, max_order), and d_b' U_n, (n_columns, max_order), one after another,
+        with V_n and U_n the leading `max_order` vectors. The result has U' d_b V_n, V' d_b' U_n and the part of d_b V_n
+        outside of U, with b as first axis.
+        """
         u, v = subspace.left, subspace.right
         right, left, outside = [], [], []
         for moved, turned in changes:
@@ -303,6 +308,10 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
     clean = matrix(motion.decay)
 
     def changes() -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Deviations of the matrix, one by one: each times V, and its transpose times U.
+
+        The products are (n_rows, max_order) and (n_columns, max_order).
+        """
         for k in range(n_changes):
             noise = [np.roll(e, round((k + 0.5) / n_changes * len(e)), axis=0) for e in motion.rest]
             drawn = [y + e for y, e in zip(motion.decay, noise, strict=True)]
@@ -335,7 +344,7 @@ def pole_deviations(
     order : int
         Number of states.
     chosen : sequence of int
-        Indices of the poles wanted among those in the upper half plane, in the order of the eigenvalues.
+        Indices (from 0) of the poles wanted among those in the upper half plane, sorted by magnitude.
 
     Returns
     -------

@@ -228,7 +228,10 @@ def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: Complex
 
 
 def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int]]:
-    """Pairs (order number, pole index), from 0, in `sweep` of the pole nearest to each of `poles` (rad/s), once."""
+    """Pairs (order number, pole index), from 0, of the pole of `sweep` nearest to each of `poles` (rad/s).
+
+    They are in the order of `poles`. None is taken twice: a later one of `poles` gets the nearest that is left.
+    """
     places = [(k, i) for k, one in enumerate(sweep) for i in range(len(one.poles))]
     values, chosen = np.concatenate([one.poles for one in sweep]), []
     for pole in poles:
@@ -510,7 +513,12 @@ def _pole_changes(
     clusters: Sequence[Cluster],
     motion: FreeDecay,
 ) -> PoleChanges | None:
-    """Changes of the `picked` poles (order number, pole index) by the scatter of the data; None where `deviations` are None."""
+    """Changes of the poles and shapes of the modes `picked` (order number, pole index) by the scatter of the data.
+
+    The scatter is that of noise where `motion` is a free decay throughout, else that between windows of the records.
+    None for fewer than two windows, or if the method gives no parts of its matrix. `clusters` tell which further orders
+    the deviations must serve.
+    """
     numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(clusters)
     highest = max(sweep[k].order for k in numbers) if motion.explains_most else sweep[-1].order
     spread = deviations(subspace, highest, motion, len(picked))
@@ -599,12 +607,12 @@ def _told_by_deviations(
     subspace: Subspace, sweep: Sequence[Poles], chosen_clusters: Sequence[Cluster], others: Sequence[Cluster],
     changes: PoleChanges, notes: list[str],
 ) -> tuple[tuple[Cluster, ...], tuple[Cluster, ...], PoleChanges]:  # fmt: skip
-    """Clusters that are modes by a probability that knows deviations, by frequency, the other clusters, and changes of the modes.
+    """Clusters that are modes by a probability that knows deviations, the other clusters, and changes of the modes.
 
-    The motion is ambient. Of `others` those are looked at whose probability without deviations is `_POSSIBLE` or more and
-    that are no further poles of a chosen one. Modes are chosen clusters that are more likely one than not, and others that are
-    `LIKELY` to be. `changes` are those of the chosen clusters. Poles of noise move with the data as far as their shapes are
-    large, however steady they are over the orders.
+    The motion is ambient. Modes are, in this order, chosen clusters with a probability of 0.5 or more, or an unknown
+    one, and those of `others`, the likeliest first, with 0.8 or more that are no further pole of a mode; of `others`
+    only those are judged whose probability without deviations is 0.05 or more. `changes` are those of the chosen
+    clusters. A note on chosen clusters left out is appended to `notes`.
 
     Raises
     ------
@@ -638,7 +646,11 @@ def _told_by_deviations(
 def _surest_of_doubtful(
     subspace: Subspace, sweep: Sequence[Poles], every: Sequence[Cluster], changes: PoleChanges
 ) -> tuple[list[Cluster], PoleChanges]:
-    """Clusters and changes after `surest_poles` for those that are not rather a mode without deviations, in the same order."""
+    """Clusters `every` and their `changes`, in the same order, with surer poles for those that are doubtful.
+
+    Doubtful are those whose probability is below 0.5 or NaN; `surest_poles` may choose another pole of them. The rest
+    stays as it is.
+    """
     doubtful = [m for m, cluster in enumerate(every) if not cluster.probability >= _RATHER]
     if not doubtful:
         return list(every), changes
@@ -669,9 +681,11 @@ def _is_further(poles: ComplexArray, shapes: ComplexArray, n: int) -> NDArray[np
 def with_deviations(
     subspace: Subspace, sweep: Sequence[Poles], clusters: Sequence[Cluster], changes: PoleChanges
 ) -> list[Cluster]:
-    """`clusters` with the excess of the deviation of their frequency and the error of their shape, by `changes` by pieces.
+    """Copies of `clusters` with `excess` and `shape_error` from `changes` of their poles by pieces of the record.
 
-    One channel has no shape, and nothing is added.
+    The excess is the standard deviation of the frequency over the least that the length of the record allows; the error
+    is that of the shape over its norm, channels scaled. One channel has no shape: its clusters are returned as they
+    are.
     """
     data = subspace.data
     if data.n_channels == 1:

@@ -142,9 +142,10 @@ def _is_of_two(words: str) -> bool:
 
 
 def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
-    """Index pairs (in `low`, in `high`) of modes that both have: mutually nearest in frequency, with a MAC of 0.8 or more.
+    """Index pairs (in `low`, in `high`) of modes that both have: mutually nearest in frequency, MAC 0.8 or more.
 
-    Frequencies may differ by three standard deviations or the half-power half-width, whichever is larger.
+    Frequencies may differ by three standard deviations of the difference or zeta f of the mode of `low`, whichever is
+    larger; unknown ones count as 0.
     """
     if not (low.n_modes and high.n_modes):
         return []

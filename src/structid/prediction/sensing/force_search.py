@@ -53,10 +53,10 @@ class ChosenForces:
 def likeliest_std(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> ChosenForces:
     """Forces of the spectrum of `process`, of the standard deviation under which the record is likeliest.
 
-    It is sought from 0.01 to 3 times that which makes the measured motion (100 times for a free structure). A model
-    whose resonances are off by a part of their width makes far larger forces likelier than those that move the sensors
-    as much as they do. Where the search runs into its upper limit, the size of the motion decides instead, and the
-    result is not trusted. `reduced` is the structure on its modes, with known forces first among its inputs, then
+    The standard deviation (N) is sought from 0.01 to 3 times (100 times for a free structure) that which makes the
+    measured motion, since a model whose resonances are off by a part of their width makes far larger forces likelier.
+    Where the search runs into its upper limit, the size of the motion decides instead, and the result is not trusted.
+    The greatest log-likelihood is returned too. `reduced` is the structure on its modes, inputs known forces, then
     unknown ones.
     """
     size, above = _first_std(setup, reduced, process), _decades_above(reduced)

@@ -168,10 +168,12 @@ def steady_filter(setup: SensingSetup, system: StateEquations) -> SteadyFilter:
 
 
 def filter_record(setup: SensingSetup, steady: SteadyFilter) -> Filtered:
-    """Kalman filter over the record, with the estimated initial state and the log-likelihood.
+    """Kalman filter over the record: means from sample to sample, the estimated initial state and the log-likelihood.
 
-    A record begins in motion: its initial state has the stationary covariance. That is the covariance of the steady filter
-    and an independent part, on which all innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
+    Means (n_times, n_states) are those before each reading if the first state were 0; the initial state has mean and
+    covariance by the whole record. The log-likelihood lacks a constant. A record begins in motion: its initial state
+    has the stationary covariance. That is the covariance of the steady filter and an independent part, on which all
+    innovations depend linearly: de Jong (1991), Annals of Statistics 19, 1073-1083.
     """
     system, step, rest = steady.system, steady.step, np.zeros(len(steady.step))
     read = setup.channels.readings - setup.channels.known @ system.direct.T

@@ -35,8 +35,8 @@ def even_rate(time: FloatArray, digits: FloatArray) -> Rate | None:
     """The sampling rate of evenly spaced times; None if they are uneven beyond the rounding of their last digits.
 
     Returns the rate in Hz, its relative uncertainty, and the largest rounding step in s; the last two are 0 where each
-    step is the mean one to 1e-6 of it. A rate of rounded times that a whole number meets within that uncertainty is
-    that number.
+    step is the mean one to 1e-6 of it. A rate of rounded times becomes the nearest whole number if that lies within its
+    uncertainty and this is below 0.1 Hz.
 
     Parameters
     ----------
