@@ -50,7 +50,7 @@ def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
 
 
 def _level_about(size: FloatArray) -> FloatArray:
-    """Median of the misfit `size` (n_lines,) over the lines about each line, at least 1."""
+    """Median of the misfit `size` (n_lines,) over the 21 lines about each line, at least 1: (n_lines,)."""
     level: FloatArray = np.maximum(np.median(_neighbours(size, LINES_ABOUT), axis=1), 1.0)
     return level
 

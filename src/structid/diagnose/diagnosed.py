@@ -44,7 +44,8 @@ def without_causes(
 ) -> DiagnosedIdentification:
     """Diagnosis without a search for causes; `why` says in words why there was none, for the verdict.
 
-    `find_disagreements` returns the parts of the data that do not agree, where they decide.
+    `find_disagreements` returns the parts of the data that do not agree, where they decide. `sensitivities` are those
+    of the answer to fixed values, which may be doubted. The identification is returned as it is.
     """
     judgement = judged(identification, untried=why, sensitivities=sensitivities, find_disagreements=find_disagreements)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))

@@ -230,9 +230,9 @@ class ModifiedModel:
     def anchored_problems(self) -> tuple[RecordProblem, ...]:
         """Problems of the quick fit, one for each record, with a prior at its start on every parameter that has none.
 
-        FRFs, also those that stand for histories, are fitted in logarithms on at most 300 lines with 10 % of model
-        error; modes as they are. The prior has a deviation of 20 % of the size of a parameter of the structure, 100 %
-        of that of a channel error.
+        FRFs, also those that stand for histories, are fitted in logarithms on at most 300 lines, with a model error of
+        10 % times the root of the part of lines that is used; modes as they are. The prior has a deviation of 20 % of
+        the size of a parameter of the structure, 100 % of that of a channel error.
         """
         held: list[RecordProblem] = []
         for of, view in zip(self._fitted_near(), self.views, strict=True):

@@ -298,7 +298,11 @@ def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
 
 
 def _faulty(base: FittedModel) -> set[Hashable]:
-    """Keys of candidate channels whose histories, or the fit's misfit, show that they did not measure the motion there."""
+    """Keys of candidates that a sensor is faulty, where its history shows a fault or it causes over 30 % of the misfit.
+
+    Faults of a history are those that the set-ups state, such as a dead or clipped channel; the misfit is that of a
+    channel of a history (`_outstanding`).
+    """
     shown = {
         FaultyChannel(where=(parse_dof(fault.channel.split()[0]).place,), record=number).key
         for number, setup in enumerate(base.modified.setups)

@@ -278,9 +278,10 @@ def _from_second(
 def _from_next(
     explanation: Explanation, second: Explanation, first: FittedModel, work: TaskExecutor, budget: SearchBudget
 ) -> Explanation | None:
-    """An explanation by `first` and the best second causes after it, if clearly better than `second`; None otherwise.
+    """Explanation by `first` and the best second causes after it, if their criterion is lower by over 6, or None.
 
-    `second` has the second causes after another first one. None also where `_led_by` gives none.
+    It is compared with that of `second`, the second causes after another first one. None also where `_led_by` gives
+    none. `work` and `budget` run and limit the search for second causes.
     """
     further = _beside(first, work, "second changes after the next, ", budget)
     return _led_by(explanation, first, further) if _is_better(further, second) else None

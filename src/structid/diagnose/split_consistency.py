@@ -58,7 +58,10 @@ class Disagreement:
 
     @property
     def is_gross(self) -> bool:
-        """True if the value differs manifold, far beyond its uncertainty: no interval of the answer covers both."""
+        """True if one value is more than 3 times the other, and they are more than 10 standard deviations apart.
+
+        No interval of the answer covers both.
+        """
         low, high = sorted(np.abs(self.values))
         return bool(high > MANIFOLD * low and self.distance > FAR_APART)
 

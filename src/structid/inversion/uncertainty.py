@@ -408,7 +408,8 @@ def relative_jacobian(problem: Problem, theta: FloatArray, linearization: Linear
 def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:
     """Changes (n_params,) of free variables that change each parameter by its size, at `theta` (n_params,).
 
-    They are those of a linear step; 0 for a parameter that its free variable does not move.
+    They are those of a linear step: by 1 where the size is 0, and 0 for a parameter that its free variable does not
+    move.
     """
     sizes, slope = problem.unknowns.sizes(problem.physical(theta)), problem.slope(theta)
     return np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)

@@ -101,7 +101,7 @@ class _OtherUnknowns:
         return np.asarray(self.unknowns.theta_start)[self.free]
 
     def whole(self, others: FloatArray) -> FloatArray:
-        """All free variables, (n_params,), from the others."""
+        """All free variables, (n_params,), from those that are not fixed, `others` (n_free,), and the fixed values."""
         whole = np.empty(len(self.unknowns.names))
         whole[self.free], whole[self.indices] = others, self.values
         return whole

@@ -168,7 +168,11 @@ async def _folder(bench: Workbench, _: Request) -> Response:
 
 
 async def _open(bench: Workbench, request: Request) -> Response:
-    """Open another folder, which gets its own address."""
+    """Open another folder, which gets its own address, and answer with that as ``address``.
+
+    The body has ``folder``, its path as typed by the user. `InputError` if that is no whole path, `FileError` if there
+    is no such folder.
+    """
     path = typed_folder(str((await request.json())["folder"]))
     return Json({"address": f"/{(await asyncio.to_thread(bench.open, path)).token}/"})
 
@@ -205,7 +209,11 @@ async def _sections(_: Workbench, __: Request) -> Response:
 
 
 async def _section(_: Workbench, request: Request) -> Response:
-    """Answer with the properties, in SI units, of an element with the material and cross-section in the request."""
+    """Answer with the properties, in SI units, of an element with the material and cross-section in the request.
+
+    The body has ``element``, ``material``, ``shape`` and ``sizes`` (mm), and may have ``is_turned``; see
+    `element_properties`.
+    """
     body = await request.json()
     element, material, shape, sizes = (body[key] for key in ("element", "material", "shape", "sizes"))
     return Json(element_properties(element, material, shape, sizes, bool(body.get("is_turned"))))

@@ -142,7 +142,10 @@ PROFILES: dict[str, tuple[float, float, float, float, float]] = {
 
 
 def presets() -> dict[str, Any]:
-    """Materials, shapes and rolled profiles that the page offers; shapes with their sizes (mm) to begin with."""
+    """Names of ``materials`` that the page offers, and ``shapes``: solid and hollow ones, then rolled profiles.
+
+    A shape is a mapping with ``name`` and ``sizes`` (mm by name) to begin with, empty for a profile.
+    """
     shapes = {**{name: shape.sizes for name, shape in SHAPES.items()}, **{name: {} for name in PROFILES}}
     return {"materials": list(MATERIALS), "shapes": [{"name": name, "sizes": sizes} for name, sizes in shapes.items()]}
 

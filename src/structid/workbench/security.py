@@ -236,7 +236,7 @@ class DeadlineProtocol(H11Protocol):
             self._await_headers()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The end of a connection."""
+        """Stop the time limit at the end of a connection; `exc` is the error that ended it, None for a regular end."""
         self._stop_waiting()
         super().connection_lost(exc)
 

@@ -26,9 +26,10 @@ class NodePlace(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        """A candidate for each node that may slide, at most 20, evenly chosen of more.
+        """A candidate position along the line for each node whose position may become a property; 20 nodes at most.
 
-        Bars and beams meet there in a straight line, or an element ends.
+        Of more nodes 20 are evenly chosen. Bars and beams meet there in a straight line, or an element ends; nodes are
+        those of the first record's structure. `problems` are not used.
         """
         structure = model.setups[0].structure
         for node in spread(_nodes_that_may_slide(structure), MOST_NODE_PLACES):

@@ -91,7 +91,7 @@ def _acts(structure: Structure, item: Property) -> bool:
 
 
 def _first_guess(structure: Structure, element: ElementSet, bending: str) -> float:
-    """A first guess of a set's shear stiffness, N: its mean bending stiffness over `_SHEAR` times its squared total length.
+    """A first guess of a set's shear stiffness, N: its mean bending stiffness over 0.02 times its squared total length.
 
     `bending` names the property of bending stiffness, N m^2.
     """

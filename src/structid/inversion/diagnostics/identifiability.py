@@ -159,7 +159,7 @@ def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ..
 
 
 def _join_names(names: list[str]) -> str:
-    """`names` joined with commas and "and"; above `_MOST_NAMED`, the first `_MOST_NAMED` and the number of the others."""
+    """`names` joined with commas and "and"; of more than twelve, the first twelve and the number of the others."""
     if len(names) > _MOST_NAMED:
         return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

@@ -55,7 +55,7 @@ class SeriesTest:
 
 
 def _doubted(series: Sequence[SeriesTest], p_values: Sequence[float]) -> tuple[str, ...]:
-    """Names of the channels whose p-value is below `_DOUBT` after Holm's correction for their number, without repetition.
+    """Names of the channels whose p-value is below 0.001 after Holm's correction for their number, without repetition.
 
     `p_values` are in the order of `series`; NaN never counts.
     """

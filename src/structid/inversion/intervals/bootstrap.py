@@ -285,7 +285,7 @@ def _collect_replicates(
     """`Bootstrap` of the replicates in `results`: physical values (n_params,), or a sentence for one that failed.
 
     `original` is the estimate from the data themselves, `degrees_of_freedom` (n_params,) those of the intervals. `kind`
-    is "noise" or "blocks".
+    is "noise", "blocks" or "repeats".
     """
     values = [result for result in results if not isinstance(result, str)]
     failures = [f"replicate {i + 1}: {result}" for i, result in enumerate(results) if isinstance(result, str)]

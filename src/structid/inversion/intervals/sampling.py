@@ -239,7 +239,10 @@ class _Target:
 
     @cached_property
     def _at_centre(self) -> tuple[float, float]:
-        """Sum of squares, and logarithm of the slopes' product."""
+        """Sum of squares at the centre, and the sum of the logarithms of the magnitudes of all slopes there.
+
+        A slope is the derivative of a physical parameter by its free variable.
+        """
         residual = self.problem.residual(self.centre)
         return float(residual @ residual), float(np.log(np.abs(self.problem.slope(self.centre))).sum())
 
@@ -390,7 +393,10 @@ def tail_sample_size(draws: FloatArray) -> float:
 
 
 def _split(draws: FloatArray) -> FloatArray:
-    """Draws (n_chains, n_draws, ...) with each chain cut into two halves, (2 n_chains, n_draws / 2, ...)."""
+    """Draws (n_chains, n_draws, ...) with each chain cut into two halves, (2 n_chains, n_draws // 2, ...).
+
+    First halves come first; of an odd number the middle draw is left out.
+    """
     half = draws.shape[1] // 2
     return np.concatenate([draws[:, :half], draws[:, -half:]])
 

@@ -368,7 +368,10 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 
 
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
-    """`Point.size` of each free variable, (n_params,), at the free variables `theta` (n_params,)."""
+    """Size of each free variable, (n_params,), at `theta` (n_params,): the size of its parameter over the slope.
+
+    The slope is that of the physical parameter by the free variable; sizes are very large where it is 0.
+    """
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
     size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size

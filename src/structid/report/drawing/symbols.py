@@ -98,7 +98,7 @@ def ground(base: FloatArray, along: FloatArray, height: float) -> FloatArray:
 
 
 def disc(centre: FloatArray, radius: float) -> FloatArray:
-    """Closed circle as a path (33, 2)."""
+    """Closed circle about `centre` (2,) as a path (33, 2), in the units of `radius`."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)
     return centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 

@@ -107,7 +107,7 @@ class Workers:
             await self._called("warm", {})
 
     def end_idle(self) -> None:
-        """End worker processes that have been idle for more than `IDLE_SECONDS` s."""
+        """End worker processes that have been idle for more than two minutes."""
         for kind in list(self._pools):
             if not self._busy[kind] and time.monotonic() - self._used.get(kind, 0.0) > IDLE_SECONDS:
                 self._pools.pop(kind).shutdown()
