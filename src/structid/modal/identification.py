@@ -123,8 +123,8 @@ def modal_identification(
     """Modes of records by `method`, with the poles of all model orders and their clusters where the method has them.
 
     `method` None is ``pencil`` for time records, ``lscf`` for FRFs, ``efdd`` for spectra and ``ssi_cov`` for
-    correlation functions. Modes with a relative standard deviation of frequency above `options.deviation`, where that
-    is set, go to `left_out`.
+    correlation functions. Modes of time records and FRFs with a relative standard deviation of frequency above
+    `options.deviation`, where that is set, go to `left_out`. None for `options` takes the defaults.
 
     Raises
     ------

@@ -85,22 +85,24 @@ def coloured_noise(
 
 
 def read_density(path: Path, is_support: bool | None = None) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, Hz, and one-sided spectral densities of a load, (n_frequencies,) each, from a table with two columns.
+    """Frequencies, Hz, and one-sided spectral densities of a load, (n_frequencies,) each, from a table of two columns.
 
-    Densities are in N^2/Hz, or in (m/s^2)^2/Hz for the motion of a support. Units in the heading, as in
-    ``f (Hz), S (kN^2/Hz)``, are converted to these; without units the values are taken as they are.
+    Densities are in N^2/Hz, or in (m/s^2)^2/Hz for the motion of a support. Units in the heading, as in ``f (Hz), S
+    (kN^2/Hz)``, are converted to these; without units the values are taken as they are. Cells are separated by commas,
+    semicolons or tabs; lines that begin with ``#`` are skipped.
 
     Parameters
     ----------
     path : Path
     is_support : bool, optional
-        Whether the density is of the acceleration of a support, not of a force; not compared with the heading by default.
+        Whether the density is of the acceleration of a support, not of a force; not compared with the heading by
+        default.
 
     Raises
     ------
     FileError
-        If the file cannot be read, a line does not hold two numbers, frequencies do not rise, a density is negative, or units
-        of the heading are none of a density or of another quantity.
+        If the file cannot be read, a line does not hold two numbers, there are fewer than two, frequencies do not rise
+        from above 0 Hz, a density is negative, or units of the heading are none of a density or of another quantity.
     """
     rows: list[tuple[float, float]] = []
     hertz, square = 1.0, 1.0

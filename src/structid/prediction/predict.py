@@ -169,7 +169,7 @@ def predict_together(
     source : Identification or IdentifiedModel
     quantities : sequence of Quantity
     n_draws, seed : int
-        Number of random models within the uncertainty from which bands are made, and what fixes them.
+        Number of random models within the uncertainty from which bands are made, at least 50, and what fixes them.
     model_error : ModelError, optional
         What the fitted responses missed beyond noise; by default that of an identification whose fit misses the noise.
 
@@ -178,7 +178,7 @@ def predict_together(
     NoAnswerError
         If the data do not determine the model.
     InputError
-        If a sensor or load is not part of the structure, or a quantity has no meaning for it.
+        If a sensor or load is not part of the structure, a quantity has no meaning for it, or `n_draws` is below 50.
     """
     model, error = model_and_error(source, model_error)
     _require_quantities(quantities)

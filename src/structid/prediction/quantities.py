@@ -654,9 +654,10 @@ class NaturalModes:
         require_mode_count(self.n_modes)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """Function from physical parameters to frequencies (Hz) and damping ratios, (n_modes, 2).
+        """Function from physical parameters (n_params,) to frequencies (Hz) and damping ratios, (n_modes, 2).
 
-        Modes are matched to those at the first of `points` (n_params,), or to the reference.
+        Modes are matched to those at the first of `points` (n_params,), or to the reference if there is one.
+        `InputError` if the structure has no modes.
         """
         modes_at = followed_modes(structure, parameters, points, self)
 

@@ -212,8 +212,8 @@ def refined(
 ) -> tuple[PolesAndParticipation, bool]:
     """Poles and participation at the nearest minimum of the FRF misfit from `start`, and True if it was reached.
 
-    Steps continue while each promises to lower the misfit by the fraction `gain`. Fixed poles stay; if the search cannot
-    begin, the result is `start` and False.
+    Steps continue while each promises to lower the misfit by the fraction `gain`. Fixed poles stay; the result is
+    `start` and True if nothing is free, `start` and False if the search cannot begin.
     """
     n_free = len(start.free)
     if not n_free:

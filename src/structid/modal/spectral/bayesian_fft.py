@@ -445,7 +445,8 @@ def _local_shapes(data: BandLines, frequencies: Sequence[float]) -> FloatArray:
 def _rough(data: BandLines, frequencies: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
     """Modes at `frequencies` (Hz) with damping ratios `zetas` and `shapes`, and rough force and noise densities.
 
-    Frequencies that coincide are moved apart a little; `shapes` is (n_channels, n_modes).
+    `frequencies` increase; those that coincide are moved up by a fifth of zeta f. `shapes` is (n_channels, n_modes).
+    The force densities (m, m) are diagonal.
     """
     m, n = len(frequencies), data.n_channels
     frequency = np.array(frequencies, dtype=float)

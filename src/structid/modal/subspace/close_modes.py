@@ -95,8 +95,8 @@ def close_mode_notes(
     -------
     tuple of str
         On pairs with T gap / pi below 1, the gap in rad/s (half a beat; the product must exceed about 1 for the
-        quotient of Norris, and 0.1 for methods with delays even in little noise); on pairs that cannot be distinguished;
-        on repeated modes in too few records.
+        quotient of Norris, and 0.1 for methods with delays even in little noise); on close pairs whose gap is within
+        one standard deviation; of free decays, on groups of close modes with more members than `n_records`.
 
     References
     ----------

@@ -435,14 +435,13 @@ def decay_modes(data: ScaledMotion, modes: ModalRecord) -> ModalRecord:
         Records that `modes` come from.
     modes : ModalRecord
         By a subspace method; for refined modes, frequencies, damping ratios, shapes and their covariance are replaced.
-        The covariance of refined modes with others becomes 0; without a covariance and `shape_std` in `modes` there is
-        none.
+        The covariance of refined modes with others becomes 0; it stays as it is if `modes` lack it or `shape_std`.
 
     Returns
     -------
     ModalRecord
-        `modes` itself if no mode has amplitudes above noise, the search does not converge, or a pole moves by more than
-        5 %.
+        By rising frequency, without `changes`; `modes` itself if no mode has amplitudes above noise, the search does
+        not converge, or a pole moves by more than 5 %.
     """
     poles = modes.poles
     strong = np.flatnonzero(stands_out(data, poles))

@@ -193,9 +193,10 @@ def _matrix_of_array(
 
 
 def _bare_spectrum(path: Path, options: ReadOptions) -> SpectrumRecord:
-    """The spectral matrix in unlabelled arrays of a file, as the options describe them, in SI units.
+    """The spectral matrix in unlabelled arrays of a file, (n_frequencies, n_channels, n_references), in SI units.
 
-    Raises `InputError` or `FileError` if options are missing or do not fit, or cross-spectra are real.
+    `options` name the arrays of values and of frequencies (`axis_unit`, or Hz), channels and units. Raises `InputError`
+    or `FileError` if options are missing or do not fit, or cross-spectra are real.
     """
     _refuse_others(path, options, _OPTIONS, "spectra")
     names, load = _arrays(path)

@@ -26,15 +26,17 @@ from structid.records.record import FrfRecord, TimeRecord
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the CSV table at `path`: UTF-8, with comma, semicolon, tab or blanks between cells.
 
-    Decimal commas are understood where cells are not separated by commas, and units in a second header line. Lines
-    without an entry at the end are skipped. The record's `source` says what was understood of a table that structid did
-    not write.
+    FRFs if the first column holds frequencies, else time histories. Decimal commas are understood where cells are not
+    separated by commas, and units in a second header line. Lines without an entry at the end are skipped. The record's
+    `source` says what was understood of a table that structid did not write.
 
     Raises
     ------
     FileError
-        If a cell is no number, a line has too few cells, a header cannot be read, or time is not even; the
-        message names line and column.
+        If a cell is no number, a line has too few cells, a header cannot be read, or time is not even; the message
+        names line and column.
+    InputError
+        If `options` contradict the table.
     """
     table = read_table(path, options.csv, options.axis_unit)
     if table.is_frequency:

@@ -233,7 +233,8 @@ def _encoding_by_mark(path: Path) -> str:
 def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
     """Names of the columns from the first header line, or "1", "2", ... if the table has no header.
 
-    Raises `FileError` if a name is missing, or there are fewer names than numbers in the first row.
+    The first is "" if that column has no name and counts the rows. Raises `FileError` if another name is missing, there
+    are fewer names than numbers in the first row, or the only name is that of times or frequencies.
     """
     if not grid.header:
         return tuple(str(j) for j in range(1, len(_strip_empty_end(grid.rows[0])) + 1))
