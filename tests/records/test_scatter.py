@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from structid import PointMass, Spring, Structure, Unknown, explain, identify, parameters
+from structid import IdentifyOptions, PointMass, Spring, Structure, Unknown, explain, identify, parameters
+from structid.identification.setups.frf import Setup
 from structid.records import FrfRecord, with_declared_noise
 from structid.records.scatter import line_scatter, missing_floor, with_noise_floor
 
@@ -60,6 +63,34 @@ def test_lines_that_are_few_or_uneven_tell_no_floor():
     assert not _floor(_noisy(1, 0.04, frequency=np.linspace(5, 150, 60))).any()
     assert not _floor(_noisy(1, 0.04, frequency=np.geomspace(5, 150, 600))).any()
     assert not _floor(_noisy(1, 0.04, frequency=np.linspace(5, 150, 4))).any()
+
+
+@pytest.mark.parametrize("delay", [0.35, 0.4, 0.5, 0.6])
+def test_a_delay_that_turns_the_values_from_line_to_line_is_no_noise(delay):
+    """The delay is in parts of the reciprocal line spacing: half of it changes the sign at each line."""
+    record = _noisy(1)
+    turned = np.exp(-2j * np.pi * delay * np.arange(len(_FREQUENCY)))[:, None, None]
+    assert not _floor(replace(record, values=record.values * turned)).any()
+
+
+def test_modes_between_the_lines_are_no_floor():
+    """One mode a line, a third of a line wide: the response scatters, on loud lines as on quiet ones."""
+    rng, lines = np.random.default_rng(4), np.arange(1600)
+    poles, residues = rng.uniform(0, 1600, 1600), rng.standard_normal((2, 1600))
+    values = (residues / (poles - lines[:, None] + 0.3j)[:, None, :]).sum(axis=-1)[:, :, None]
+    record = FrfRecord(10 + 0.1 * lines, values, outputs=["1X", "2X"], inputs=["2X"], kind="accelerance")
+    assert not missing_floor(record, 0.1, is_assumed=True).any()
+
+
+def test_a_residual_that_reads_no_variance_has_no_floor_added():
+    record, structure = with_declared_noise(_noisy(7, 0.04), relative=0.01), _chain()
+    unknown = parameters(structure, [Unknown("stiffness", "ground"), Unknown("stiffness", "upper", each=True)])
+    said = {
+        form: " ".join(Setup(structure, unknown, record).prepared(IdentifyOptions(residual=form)).warnings)
+        for form in ("equation", "output")
+    }
+    assert "noise floor" not in said["equation"]
+    assert "noise floor" in said["output"]
 
 
 def test_a_gap_between_lines_is_left_out():

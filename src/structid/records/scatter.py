@@ -16,6 +16,9 @@ from structid.records.record import FrfRecord
 _LOWER, _ORDER = 4, 6
 #: Least and greatest ratio of both variances that white noise gives, and fewest windows of quiet lines.
 _WHITE, _FEWEST_WINDOWS = (0.7, 1.4), 40
+#: Size at most, and phase from that of white noise in rad at most, of the mean product of neighbouring sixth differences, of
+#: modulus 1 each: white noise has -0.76, values that turn by one angle from line to line have modulus 1 and that phase.
+_PHASOR, _TURNED = 0.9, 0.4
 #: Part of the windows that are quiet, by the size of their values.
 _QUIET = 0.5
 #: Greatest difference of two line spacings within a window, as a part of the median spacing.
@@ -61,7 +64,8 @@ def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
     is_even = _evenly_spaced(record.frequency)
     if np.count_nonzero(is_even) * _QUIET < _FEWEST_WINDOWS:
         return scatter
-    higher = np.abs(_normalized_differences(record.values, _ORDER)) ** 2
+    differences = _normalized_differences(record.values, _ORDER)
+    higher = np.abs(differences) ** 2
     margin = (_ORDER - _LOWER) // 2
     lower = np.abs(_normalized_differences(record.values, _LOWER)[margin : margin + n_windows]) ** 2
     size = _mean_of_windows(np.abs(record.values) ** 2)
@@ -71,6 +75,8 @@ def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
         quiet, loud = is_even & is_small, is_even & ~is_small
         variance = _median_variance(higher[quiet, *pair])
         if variance == 0 or not _WHITE[0] < _median_variance(lower[quiet, *pair]) / variance < _WHITE[1]:
+            continue
+        if not _scatters(differences[:, *pair], quiet):
             continue
         scatter.floor[pair] = np.sqrt(variance)
         over = np.divide(higher[:, *pair], stated[:, *pair], out=np.full(n_windows, np.inf), where=stated[:, *pair] > 0)
@@ -83,14 +89,13 @@ def missing_floor(record: FrfRecord, part: float, is_assumed: bool) -> FloatArra
 
     The stated noise is the variance of the record, if any, and `part` of each magnitude. A floor is left out where the lines
     scatter by twice the stated noise on the quiet half of them, and there by 1.5 times more than on the loud half: noise that is
-    too small by one factor everywhere is no missing floor. With `is_assumed` nobody stated `part`, and any floor counts from
-    0.2 times that on.
+    too small by one factor everywhere is no missing floor. With `is_assumed` nobody stated `part`: a floor counts from 0.2 times
+    that on.
     """
     stated = (part * np.abs(record.values)) ** 2 + (0.0 if record.variance is None else record.variance)
     floor, quiet, loud = line_scatter(record, stated)
-    if is_assumed:
-        return np.where(quiet >= _NEGLIGIBLE, floor, 0.0)
-    return np.where((quiet >= _UNDERSTATED) & (quiet >= _MORE_THAN_LOUD * loud), floor, 0.0)
+    least = _NEGLIGIBLE if is_assumed else _UNDERSTATED
+    return np.where((quiet >= least) & (quiet >= _MORE_THAN_LOUD * loud), floor, 0.0)
 
 
 def with_noise_floor(record: FrfRecord, floor: FloatArray) -> FrfRecord:
@@ -122,6 +127,14 @@ def _normalized_differences(values: ComplexArray, order: int) -> ComplexArray:
 def _mean_of_windows(values: FloatArray) -> FloatArray:
     """Means over windows of seven lines, (n_lines - 6, ...), of `values` (n_lines, ...)."""
     return np.lib.stride_tricks.sliding_window_view(values, _ORDER + 1, axis=0).mean(axis=-1)
+
+
+def _scatters(differences: ComplexArray, chosen: NDArray[np.bool_]) -> bool:
+    """True if neighbouring sixth differences (n_windows,) among the `chosen` go together as those of white noise do."""
+    product = differences[1:] * differences[:-1].conj()
+    product = product[chosen[1:] & chosen[:-1] & (np.abs(product) > 0)]
+    phasor = complex(np.mean(product / np.abs(product))) if len(product) else 0.0
+    return bool(abs(phasor) < _PHASOR and abs(np.angle(-phasor)) < _TURNED)
 
 
 def _median_variance(squares: FloatArray) -> float:

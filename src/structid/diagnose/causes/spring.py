@@ -40,7 +40,7 @@ class SpringToGround(Candidate):
         return direction_of((parse_dof(self.where[0]), 1.0))
 
     def alike_by(self) -> tuple[Directions, tuple[object, ...]]:
-        return self._direction, (self.kind, self.strengths.tobytes())
+        return self._direction, (self.kind, self.strengths.tobytes(), self.where[1:])
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
         """Edits that add a spring of unknown stiffness, which starts at `strength` (N/m or N m/rad), to the ground.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -33,9 +34,11 @@ _NO_NOISE = (
     " scatter of the residual"
 )
 _NO_FLOOR = (
-    "the stated noise is too small between the resonances: neighbouring lines show {floor}, which was added to it; state"
-    " `absolute = {absolute:.2g}` in [record.noise]"
+    "the stated noise is too small between the resonances: neighbouring lines show {floor}, which was added to it"
 )
+_STATE_FLOOR = "; state `absolute = {absolute:.2g}` beside `relative` in [record.noise]"
+#: Floors that the noise of records leaves out, by record, then by band and noise: a search for causes asks for them again.
+_FLOORS: WeakKeyDictionary[FrfRecord, dict[tuple[float, ...], FloatArray]] = WeakKeyDictionary()
 _AVERAGES = "; its coherence tells the noise once the number of averages is known: give `averages` in [record]"
 
 
@@ -91,12 +94,13 @@ class Setup(RecordSetup[FrfProblem]):
         is_assumed = used.variance is None and model_error == 0
         if is_assumed:
             model_error = _RELATIVE_WEIGHT
-        floor = missing_floor(self.record.band(*used.frequency[[0, -1]]), model_error, is_assumed)
+        floor = _missing_floor(self.record, used, options, model_error, is_assumed)
         if is_assumed:
             told = f" and by {_floor_range(floor, used.unit)}" if floor.any() else ""
             warnings.append(_NO_NOISE.format(floor=told) + (_AVERAGES if used.coherence is not None else ""))
         elif floor.any():
-            warnings.append(_NO_FLOOR.format(floor=_floor_range(floor, used.unit), absolute=float(floor.max())))
+            remedy = _STATE_FLOOR.format(absolute=float(floor.max())) if used.noise_source == "declared" else ""
+            warnings.append(_NO_FLOOR.format(floor=_floor_range(floor, used.unit)) + remedy)
         problem = FrfProblem(
             self.structure,
             self.parameters,
@@ -183,6 +187,22 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
             " the search begins without it"
         )
     return words
+
+
+def _missing_floor(
+    record: FrfRecord, used: FrfRecord, options: IdentifyOptions, model_error: float, is_assumed: bool
+) -> FloatArray:
+    """`missing_floor` of `record` in the band of the lines `used`, found once; 0 for a residual that reads no variance.
+
+    `model_error` is the part of each magnitude that counts as noise, and `is_assumed` says that nobody stated it.
+    """
+    if options.residual == "equation":
+        return np.zeros(record.values.shape[1:])
+    low, high = map(float, used.frequency[[0, -1]])
+    known, key = _FLOORS.setdefault(record, {}), (low, high, model_error, float(is_assumed))
+    if key not in known:
+        known[key] = missing_floor(record.band(low, high), model_error, is_assumed)
+    return known[key]
 
 
 def _floor_range(floor: FloatArray, unit: str) -> str:

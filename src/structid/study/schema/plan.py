@@ -22,6 +22,7 @@ from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.planning.plan import plan, resolve_options
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
+from structid.records.scatter import missing_floor
 from structid.study.schema.kinds import COUNT, NOISE_PART, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure, read_tolerances
@@ -279,6 +280,15 @@ def _noise_levels(
             )
     elif model_error > 0:
         relative, notes = 0.0, ("no noise is given beside the model error",)
+    if inner is None and record is not None and record.variance is not None:
+        floor = missing_floor(record, 0.0, is_assumed=False)
+        if floor.any():
+            shown = float(np.median(floor[floor > 0]))
+            absolute = float(np.hypot(absolute, shown))
+            notes = (
+                *notes,
+                f"the record shows a noise floor of {shown:.2g} {record.unit} between its resonances, which is added",
+            )
     if model_error > 0:
         relative = float(np.hypot(relative, model_error))
         notes = (*notes, f"the model error of [method], {100 * model_error:.3g} %, counts as noise")
