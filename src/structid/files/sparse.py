@@ -44,7 +44,8 @@ def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, v
     Raises
     ------
     ValueError
-        If an entry lies outside the matrix, lengths differ, or the shape is absurdly large for so many entries.
+        If a row or column is no whole number or lies outside the matrix, lengths differ, or the shape is absurdly large
+        for so many entries.
     """
     rows, columns = _as_whole_numbers("rows", rows), _as_whole_numbers("columns", columns)
     sides = _checked_shape(shape)

@@ -251,7 +251,8 @@ def _require_own_values(dataset: h5py.Dataset) -> None:
 def _read_field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
     """Values of an HDF5 dataset: an array of numbers (complex where it is a pair of parts), a text, or a list of texts.
 
-    Errors are raised if the values are not in the file or not plausible.
+    `UnusableError` if values are elsewhere or missing, `ValueError` if the file cannot hold them. An array of texts is
+    flattened.
     """
     import h5py
 

@@ -221,12 +221,12 @@ def claim_path(path: Path, patience: float = 0.0) -> Iterator[None]:
 def claim(path: Path, patience: float = 0.0) -> None:
     """Lock `path` for this process until `release`, and remove files that a killed run left half written beside it.
 
-    Another process that holds the lock is waited for up to `patience` seconds.
+    Another process that holds the lock is waited for up to `patience` seconds. Nothing is done if this process has it.
 
     Raises
     ------
     FileError
-        If another process holds it, or nothing can be written beside it.
+        If another process holds it, its folder does not exist, or nothing can be written beside it.
     """
     path = path.absolute()
     if path in _held and _held[path][1] == os.getpid():

@@ -116,7 +116,7 @@ def identify_together(
     Parameters
     ----------
     setups : sequence of Setup, ModalSetup or TimeSetup
-        Whose noise is independent.
+        Set-ups with their records; the noise of one is independent of that of the others.
     options : IdentifyOptions, optional
         For all records alike.
     progress : callable, optional

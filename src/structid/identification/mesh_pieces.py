@@ -204,10 +204,10 @@ def _divisible_names(identification: Identification) -> list[str]:
 
 
 def undivided_words(setups: Sequence[AnySetup]) -> str:
-    """A clause on the elements whose mesh ± takes as it is, since only beams and some bars can be divided; "" for none.
+    """A clause that names the element sets whose mesh the standard deviations take as exact, as it cannot be divided.
 
-    These are elements of cells (plates, solids), those of one matrix for the whole set, and lines that nothing would hold between
-    their pieces.
+    They are sets of cells (plates, solids), those of one matrix for the whole set, and lines that nothing would hold
+    between their pieces; "" if there are none.
     """
     structures = [setup.structure for setup in setups if setup.structure.has_matrices]
     whole = {

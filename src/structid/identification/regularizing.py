@@ -275,9 +275,9 @@ def _applied_regularization(
 ) -> AppliedRegularization:
     """Record of a regularization as it was used: name, rule and strengths of its rows.
 
-    `rest` (n_rows,) is the residual of its rows at strength 1; a sparsity counts as free parameters those with more
-    than 1e-3. `converged` says whether the strength settled (a given smoothness always does), `determined` how many
-    combinations the data determine. `strength` is one number or (n_rows,).
+    `rest` (n_rows,) is the residual of its rows at strength 1; for a sparsity, rows above 1e-3 are counted as free
+    parameters. `strength` is one number or (n_rows,). `converged` says whether it settled (a given smoothness always
+    does), `determined` how many combinations the data determine, NaN if that is not known.
     """
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None

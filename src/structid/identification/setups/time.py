@@ -446,10 +446,10 @@ class _Hit(NamedTuple):
 def frfs_of(record: TimeRecord) -> FrfRecord:
     """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most motion channels.
 
-    The record of a single hit is transformed whole, with an exponential window if the motion has not died out. Others
-    are averaged by the estimator Hv from segments of a quarter of the record; they go from the first to the last line
-    at which a force rises above its noise, and over all lines where none does. Of two sensors at one degree of freedom
-    the one of that kind is taken.
+    The record of a single hit, with motions of one kind, is transformed whole, with an exponential window if the motion
+    has not died out. Others are averaged by the estimator Hv from segments of a quarter of the record; they go from the
+    first to the last line at which a force rises above its noise, and over all lines where none does. Of two sensors at
+    one degree of freedom the one of that kind is taken. Over support motions only accelerations count.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     loads = [dof for kind in LOADS for dof, quantity in pairs if quantity == kind]

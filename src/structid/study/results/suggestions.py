@@ -48,8 +48,8 @@ def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple
 def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[FittedModel]) -> Diagnosis:
     """The diagnosis with, for each refitted cause, the path of a suggested study file and the lines that differ.
 
-    `fits` are the refits of the causes that have one, in their order; without causes, the suggested changes take their
-    place. A cause is unchanged if the study file cannot hold its change.
+    `fits` are the refits of the causes that have one, in their order; if the diagnosis has no causes, they are those of
+    its suggested changes. A cause is unchanged if the study file cannot hold its change.
     """
     changes = iter(fits)
     number = 0

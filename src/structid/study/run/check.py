@@ -182,8 +182,8 @@ def leaking_windows(
 ) -> list[str]:
     """At most one warning, if the window of averaged spectra blurs resonances in the band of `problem`.
 
-    The list is empty if it does not, or if no spectra were averaged. `source` has the settings of the averaging,
-    `histories` are the time records that were averaged, and `modes` those of the initial model.
+    `source` has the settings of the averaging, `histories` are the averaged time records, of which the first is judged,
+    and `modes` those of the initial model. The list is empty if no resonance is blurred, or no spectra were averaged.
     """
     if source.frf is None or source.time is not None or not histories:
         return []

@@ -66,7 +66,10 @@ def _after_line(text: str, offset: int) -> int:
 
 
 def _add_key(text: str, tokens: TomlTokens, block: TomlBlock) -> None:
-    """Move the key and value at the head of the words `tokens` into `block`, with their positions in `text`."""
+    """Move the key and value that come next in `tokens` into `block`, with their positions in `text`.
+
+    `tokens` are words with their indices in `text`, the next one last; those of key and value are removed from them.
+    """
     parts, start = read_key(tokens, "=")
     begin = tokens[-1][1]
     end = _value_end(tokens)
@@ -322,8 +325,8 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
 def _changed_inline(text: str, span: _Span, keys: KeyPath, value: str | None) -> str:
     """TOML text with the entry at `keys` inside an inline table or list set to `value`, or removed if that is None.
 
-    `span` is the position of the whole inline value. A list that becomes empty is removed with its key. `InputError` if
-    `keys` leads nowhere in the value.
+    `span` is the position of the whole inline value. If that is a list and becomes empty, its key is removed too.
+    `InputError` if `keys` leads nowhere in the value.
     """
     whole: Any = tomlkit.value(text[span.value : span.end])
     try:

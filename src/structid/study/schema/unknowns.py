@@ -81,9 +81,9 @@ def _read_unknown(entry: Section) -> Unknown:
 
 
 def read_prior(entry: Section) -> Prior | None:
-    """The prior that an unknown states, or None; ``relative_std`` is taken of the magnitude of the mean.
+    """The prior in the table ``prior`` of an unknown; None without that table.
 
-    `StudyError` unless it has either ``std`` or ``relative_std``.
+    ``relative_std`` is taken of the magnitude of the mean. `StudyError` unless just one of it and ``std`` is stated.
     """
     section = entry.section("prior")
     if section is None:

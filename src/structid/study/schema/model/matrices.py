@@ -368,7 +368,7 @@ def _complete_triangle(imported: ImportedMatrix) -> ImportedMatrix:
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
     """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included.
 
-    Raises `InputError` for a range that falls or is too long.
+    Raises `InputError` for a range that falls or spans more than 20 million labels.
     """
     labels: set[int] = set()
     for entry in as_list(entries):

@@ -225,8 +225,8 @@ def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -
 def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, nodes: Collection[int]) -> list[int]:
     """Sorted labels of the nodes that satisfy every condition of a support: its list, its group and its coordinates.
 
-    `nodes` are all labels, `mesh` is None if there is none. `StudyError` if the entry has no condition, one needs a
-    mesh, or no node is left.
+    `nodes` are all labels, `mesh` is None if there is none. `StudyError` if the entry has no condition, names a node or
+    group that does not exist, needs a mesh where there is none, or leaves no node.
     """
     chosen = set(nodes)
     if not {"group", "nodes", *_AXES} & set(entry.table):
