@@ -462,7 +462,8 @@ def _same_view(
     """FRF view of a changed problem, with data and quick-fit lines of the earlier view where the record is the same.
 
     `setup` is that of the changed problem, `earlier_setup` and `earlier_view` those before the change. FRFs of another
-    record keep the lines of the quick fit: by their numbers if there are as many lines, else by frequency.
+    record keep the lines of the quick fit: by their numbers if there are as many lines, else by frequency. `options`
+    decide how histories are averaged to FRFs.
     """
     if isinstance(problem, FrfProblem):
         known = earlier_view.problem.record

@@ -131,6 +131,7 @@ class FittedModel:
         """Fit with fixed values free within tolerances, behind the tolerance test of this fit; None without a test.
 
         It is computed again: at the free variables that the test has stored, or by a new search if it has none.
+        `fixed_values` are those of the fitted model.
         """
         names, test = self.modified.target.names, self.tolerance_test
         if test is None:
@@ -160,7 +161,7 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
 
     `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included. The
     test fits once more with fixed values free within their tolerances, first on fewer lines. Large models, and those
-    without fixed values, have none.
+    without fixed values, have none. `modified` is the fitted model.
     """
     fitted = FittedModel(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
@@ -351,7 +352,7 @@ def _fit_to_the_end(base: FittedModel, modified: ModifiedModel, theta: FloatArra
     Candidates with `begins_at_start` are fitted from the start values too. Starts are compared on fewer lines, and so
     are other strengths where the kind of change asks for them; all starts count where the best cannot be evaluated on
     all lines. Outlying lines and tones are searched for again after the fit, up to four times. The misfit of data that
-    the change leaves out is added.
+    the change leaves out is added. `modified` is that model, and `base` the fit without its last change.
 
     Raises
     ------
@@ -412,7 +413,8 @@ def _with_other_lines(base: FittedModel, modified: ModifiedModel, theta: FloatAr
     """Model with the last change replaced by one for the outlying lines or tones that show after its fit at `theta`.
 
     Outlying lines replace those before; tones are added to them. None where these are the same as before or there are
-    none, for every other kind of candidate, and for several records. `theta` is (n_params,).
+    none, for every other kind of candidate, and for several records. `theta` is (n_params,). `modified` is the changed
+    model, and `base` the fit without the change.
     """
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:

@@ -614,7 +614,7 @@ def _begun(
     """Items (candidate, strength, free variables at the start) of the `changes` that the model allows, in their order.
 
     `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say. Changes
-    that the model does not allow are left out.
+    that the model does not allow are left out. `modified` is the model before the changes.
     """
     items: list[RefitTask] = []
     for candidate, strength in changes:

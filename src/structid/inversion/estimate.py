@@ -754,7 +754,7 @@ def _refit_once(
 
 
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
-    """Status of an estimate from its best minimum, its uncertainty and the number of answers that fit.
+    """Status of an estimate from its best minimum, its uncertainty and the number of answers that fit, in `searches`.
 
     Not converged if the search of `best` did not, `uncertainty.carried` is True for every parameter, and the fit misses
     the noise or all free parameters are identified. Else not identifiable if one of these is not identified or two

@@ -485,8 +485,8 @@ def _bars(
 ) -> plot.Panel:
     """Bar chart panel with a group of bars for each of `names`, one bar for each model.
 
-    `values` holds one array (n_names,) for each model, `model_names` the models' names; `label` is that of the axis. NaN has
-    no bar. `title` stands above the panel.
+    `values` holds one array (n_names,) for each model, `model_names` the models' names; `label` is that of the axis.
+    NaN has no bar. `title` stands above the panel. `y` is the axis of values; without limits it holds all of them.
     """
     positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count

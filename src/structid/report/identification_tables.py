@@ -186,9 +186,10 @@ def residual_table(estimate: Estimate) -> Table | None:
 
 
 def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
-    """Table of modes of initial and identified model; the last column says "yes" for modes in the frequency `band` (Hz).
+    """Table of modes of initial and identified model; the last column says "yes" for modes in `band`, else "no".
 
-    A mode below 1e-4 of the highest frequency is a rigid body mode.
+    `rows` has the frequencies (Hz), damping ratios and MAC of the modes, `band` (low, high) is in Hz. A mode below 1e-4
+    of the highest frequency is a rigid body mode.
     """
     header = (
         "Mode", "Initial frequency (Hz)", "Identified frequency (Hz)", "Change",

@@ -136,7 +136,8 @@ def factored(
     """Element matrix as D D' with the directions D in which it acts; None if zero, too wide, or unable to move.
 
     D has a column for each eigenvalue above 1e-9 of the largest, its eigenvector times the root; it is too wide with
-    more than `most_directions` columns, and must move a free degree of freedom.
+    more than `most_directions` columns, and must move a free degree of freedom. `element_matrix` is of one element, or
+    a sum of several; its kind and loss factor are kept.
     """
     size, vectors = np.linalg.eigh(element_matrix.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)

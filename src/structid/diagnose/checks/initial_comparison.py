@@ -39,7 +39,7 @@ def compare_with_initial_model(setup: AnySetup, problem: RecordProblem, options:
     """Resonances and channels of a record beside those of the initial model, with warnings about the channels.
 
     Of modes only the resonances are compared. Histories are compared as averaged FRFs if the set-up gives any; else the
-    result is empty.
+    result is empty. `problem` is that of `setup`; `options` say how histories are averaged.
 
     Raises
     ------

@@ -235,8 +235,9 @@ def mesh_warnings(
 ) -> tuple[str, ...]:
     """Warnings that the mesh shifts modes by more than the standard deviations with which they were fitted.
 
-    Only records of modes of structures up to 600 degrees of freedom are checked; FRFs and histories show a shift as a misfit.
-    The three sequences have one entry for each record; `theta` holds the free variables of its problem, (n_params,).
+    Only records of modes of structures up to 600 degrees of freedom are checked; FRFs and histories show a shift as a
+    misfit. The three sequences have one entry for each record; `theta` holds the free variables of its problem,
+    (n_params,). `setups` have the structures.
     """
     messages = []
     for setup, problem, theta_of_record in zip(setups, problems, theta, strict=True):

@@ -223,7 +223,8 @@ def _halve_cells(refined: RefinedStructure) -> RefinedStructure:
     """The structure with all areas and solids halved along each edge, and lines where their halves stay stable.
 
     Lines are halved if they may be subdivided, or lie along an edge of an area or solid. Children get the property
-    values of their parent; new nodes on supported free sides are supported.
+    values of their parent; new nodes on supported free sides are supported. `refined` is the structure before, with its
+    property values.
     """
     structure = refined.structure
     middles, edges = _Middles(structure), _edges(structure)

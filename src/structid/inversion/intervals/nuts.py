@@ -173,7 +173,7 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
 
     Phases are 0 and 1, the halves of the warm-up, and 2, the kept draws. The coordinates are changed after phase 0
     only, to those in which its draws without the first quarter have about unit covariance; they stay if there is no
-    more than one such draw.
+    more than one such draw. `log_density` gives the log density and its gradient, which are evaluated once.
     """
     size, x, factor = float(np.exp(state.step.log_mean)), state.at.x, state.factor
     if state.phase == 0:
@@ -207,7 +207,10 @@ def _shrunk_covariance(draws: FloatArray) -> FloatArray:
 
 
 def _draw_next(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
-    """Chain state after one more draw of its phase; in the warm-up also with an adapted step size."""
+    """Chain state after one more draw of its phase; in the warm-up also with an adapted step size.
+
+    `log_density` gives the log density and its gradient; `rng` draws the momentum and the trajectory.
+    """
     density = _in_coordinates(log_density, state.factor, state.phase)
     tree = _trajectory(density, state.at, float(np.exp(state.step.log_size)), rng)
     accepted = tree.acceptance / max(tree.n_steps, 1)
@@ -252,7 +255,8 @@ def _grown(
 
     `step` is the step size, negative for backward. `energy` is that of the start of the trajectory: a state has the
     weight exp(`energy` - its energy), and an energy larger by more than 1000, or a density that is not finite, is a
-    divergence. `rng` draws the state that stands for the tree, by weight.
+    divergence. `rng` draws the state that stands for the tree, by weight. `log_density` gives the log density and its
+    gradient.
     """
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient

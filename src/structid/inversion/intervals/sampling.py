@@ -291,7 +291,8 @@ def _by_nuts(
 ) -> _Drawn:
     """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of `_AT_ONCE` draws.
 
-    Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept.
+    Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept. `target` is the log
+    density; each chain has a generator that `rng` spawns, and `work` runs it.
     """
     states: list[StoredValues] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
@@ -343,7 +344,7 @@ def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: 
     """Posterior draws by the ensemble sampler of emcee, each walker counted as a chain.
 
     There are max(`n_chains`, 2 n_params + 2) walkers, whose first max(`n_warmup`, `n_draws`) draws are dropped. Raises
-    `InputError` if emcee is missing.
+    `InputError` if emcee is missing. `target` is the log density; `rng` gives the starts and a seed.
     """
     n_params = len(target.factor)
     try:

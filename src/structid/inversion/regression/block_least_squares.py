@@ -178,7 +178,8 @@ def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> Block
     """Least-squares fit of all blocks by a banded orthogonal sweep, without undetermined columns.
 
     `scale` (n_params,) is the factor on each column, 0 for a column that is left out. Parameters without a column, with
-    a diagonal entry of at most 1e-10, or in an undetermined direction with such a one are NaN.
+    a diagonal entry of at most 1e-10, or in an undetermined direction with such a one are NaN. `state` has the triangle
+    of each block, `layout` the order of parameters and blocks in the band.
     """
     band, right, rest = swept(state.triangles, state.columns, layout, scale)
     kept = scale > 0
@@ -218,7 +219,8 @@ def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, Floa
     """Sparse rows (n_rows, n_params) of the triangles of all blocks with scaled columns, and their right-hand sides.
 
     There are k rows for each block of k columns; the last of its triangle, the residual alone, is left out. `scale`
-    (n_params,) is the factor on each column; the right-hand sides are (n_rows,).
+    (n_params,) is the factor on each column; the right-hand sides are (n_rows,). `state` has the triangles and the
+    parameters of each block.
     """
     n_blocks, side = state.triangles.shape[:2]
     used = np.broadcast_to((state.columns >= 0)[:, None, :], (n_blocks, side - 1, side - 1))
@@ -231,9 +233,10 @@ def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, Floa
 
 
 def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | None:
-    """Least-squares fit of all blocks by sparse normal equations; None if the matrix is singular or its condition above 1e7.
+    """Least-squares fit of all blocks by sparse normal equations; None if they are singular, or the rows nearly so.
 
-    `scale` (n_params,) is the factor on each column, 0 for a column that is left out.
+    The condition number of the scaled rows may be 1e7 at most. `state` has the triangles and the parameters of each
+    block; `scale` (n_params,) is the factor on each column, 0 for a column that is left out.
     """
     rows, right = _rows(state, scale)
     kept = scale > 0
@@ -258,7 +261,8 @@ def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | No
 def _unresolved(state: StreamingQr, scale: FloatArray) -> BlockFit:
     """Fit with all values NaN, where neither normal equations nor the band can solve the system.
 
-    `scale` (n_params,) is the factor on each column, 0 where it has no effect.
+    `scale` (n_params,) is the factor on each column, 0 where it has no effect. `state` has the blocks, which the fit
+    keeps.
     """
     empty = locked(np.full(state.n_params, np.nan))
     seen = locked(scale > 0)

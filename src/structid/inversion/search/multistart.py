@@ -295,11 +295,12 @@ def _wide_minima(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
-    """All minima of searches from distant random starts and along the weakest directions, and True if they are complete.
+    """All minima of searches from distant random starts and along the weakest directions, and True if complete.
 
     Each minimum comes with its number of iterations. Random starts lie within a factor of five of `start`. The minima
     are complete if no further one is expected before `search.wide_starts` run out. `path` is the continuation path of
-    each search, `start` (n_params,) the centre of the starts in free variables; `grouped` takes the new minima.
+    each search and `method` its method, `start` (n_params,) the centre of the starts in free variables; `grouped` takes
+    the new minima.
     """
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
@@ -393,7 +394,7 @@ def _complete_searches(
 
     A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest. If it was
     stopped within three standard deviations of an end to which an earlier one was continued, it gets that end as one
-    more step.
+    more step. `method` continues them.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended: list[tuple[Minimum, int]] = []
@@ -494,7 +495,7 @@ def staged(
     If the problem has a larger sum of squares at the end of the stages than at `theta`, its search starts from `theta`.
     `stages` are names and problems, searched one after another, and `prefix` begins their names in progress messages.
     `theta` (n_params,) are free variables; `progress` is called with the name of a stage, its iteration and the sum of
-    squares.
+    squares. `method` is the search method (its `for_stages` in stages), and `minimize` runs each search.
     """
     start, iterations = theta, 0
     courses: list[StageCourse] = []

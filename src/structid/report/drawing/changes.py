@@ -167,6 +167,7 @@ def parameter_shadings(answer: IdentifiedParameters) -> tuple[Shading, ...]:
     """Shadings of relative parameter changes, one for each kind of property in `KINDS` that has parameters.
 
     They are in the order of `KINDS`. The colour scale ends at a round value that holds the significant changes.
+    `answer` has the structure and its parameters, initial and identified values.
     """
     shadings = []
     for name, kinds in KINDS.items():
@@ -182,7 +183,7 @@ def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
 
     Elements without parameters are left out. Of several properties the largest change counts, significant ones (beyond
     the 95 % interval) first, and all texts are joined; the change is identified if all parameters are. NaN where the
-    initial value is 0.
+    initial value is 0. `answer` has the structure and its parameters, initial and identified values and intervals.
     """
     before, after = answer.parameters.values(answer.initial), answer.parameters.values(answer.values)
     design = answer.parameters.design.tocsr()

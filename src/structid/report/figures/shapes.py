@@ -100,6 +100,7 @@ def _scene_in_space(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: G
     """Scene of mode shapes on the positions of the nodes (m), scaled to 12 % of the structure's diagonal.
 
     `shapes` (n_channels, n_modes) are along positive axes; rotations are left out. `channels` are the sensors.
+    `geometry` has the positions of the nodes and the lines between them.
     """
     nodes = list(geometry.nodes)
     rest = np.array([geometry.nodes[node] for node in nodes], dtype=float)
@@ -142,7 +143,8 @@ def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[s
     """Chains of point indices by name, with -1 between lines: first those between two sensors, then all others.
 
     Each result has one chain, or none if there is nothing to draw. Points without lines are in the chain of their kind.
-    `nodes` are the node labels in the order of the points, `seen` the indices of those with a sensor.
+    `nodes` are the node labels in the order of the points, `seen` the indices of those with a sensor. `geometry` has
+    the lines, whose node 0 lifts the pen.
     """
     chains: dict[bool, list[int]] = {True: [], False: []}
     touched = set()
@@ -219,9 +221,9 @@ def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
 def _curve(
     scene: Scene, path: list[int], pen: plot.Pen, marker: plot.Marker, label: str, mode: int | None = None
 ) -> plot.Curve:
-    """Plot curve along the point indices `path` (-1 lifts the pen), moving in the mode with index `mode`, at rest if None.
+    """Plot curve along the point indices `path` (-1 lifts the pen), moving in mode `mode`, at rest if None.
 
-    `label` is its entry in the legend.
+    `mode` is an index from 0, `label` the entry in the legend; `pen` and `marker` draw lines and points.
     """
     lifted = (np.array(path) < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T

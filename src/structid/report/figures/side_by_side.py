@@ -246,7 +246,7 @@ def _curve(
     """Plot curve along the node rows `path` (-1 lifts the pen), shifted by `offset` (m).
 
     `motion` (n_nodes, 3) is the displacement that animates it, None at rest. A path without lines is drawn as dots.
-    `label` is its entry in the legend.
+    `label` is its entry in the legend. `pen` draws lines and `marker` points; None draws none.
     """
     lifted = (path < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T

@@ -171,7 +171,7 @@ def initial_responses(setup: AnySetup, problem: RecordProblem, options: Identify
 
     ``frequency`` (Hz), and ``channels`` with ``name`` and ``magnitude``, packed. Histories count as averaged FRFs if
     the set-up gives any. If the record has no FRFs or the responses are not finite, ``channels`` is empty, and there is
-    no ``frequency``.
+    no ``frequency``. `options` say how they are averaged.
     """
     problem = setup.shown_problem(options, problem.channels) or problem
     if not isinstance(problem, FrfProblem):

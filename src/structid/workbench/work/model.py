@@ -97,7 +97,7 @@ def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSour
 def _record(root: Section, number: int) -> Section | None:
     """Section of record `number` (counted from 0) of a study; None if the study has no records.
 
-    Raises `InputError` if it has records, but none of this number.
+    Raises `InputError` if it has records, but none of this number. `root` is the top section of the study.
     """
     listed = record_sections(root)
     if not 0 <= number < max(len(listed), 1):

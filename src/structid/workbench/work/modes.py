@@ -162,10 +162,10 @@ def _told(modes: ModalRecord) -> dict[str, StoredEntry]:
 
 
 def posted_modes(posted: dict[str, Any]) -> ModalRecord:
-    """Modal record of unsaved modes that the page sends, with keys ``frequency``, ``damping``, ``shapes`` and ``channels``.
+    """Modal record of unsaved modes that the page sends as the mapping `posted`.
 
-    ``frequency`` is in Hz, ``damping`` holds ratios, ``shapes`` a row of real entries for each mode, ``channels``
-    names.
+    Its keys are ``frequency`` (Hz), ``damping`` (ratios), ``shapes`` (a row of real entries for each mode) and
+    ``channels`` (names).
 
     Raises
     ------

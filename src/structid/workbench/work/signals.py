@@ -108,7 +108,8 @@ def _segment(n_times: int) -> int:
 def _open_record(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
     """Record in the file at `path`; time records in NPY or HDF5 files above 100 MB are opened, not read into memory.
 
-    A large file that holds no time histories is read. Raises `FileError` if the file is missing.
+    A large file that holds no time histories is read. Raises `FileError` if the file is missing. `options` say how the
+    file is read.
     """
     try:
         size = path.stat().st_size
