@@ -57,9 +57,11 @@ class ModelError:
     ) -> ModelError:
         """Error of modelled FRFs at each sensor when it is left out of the fit in turn, less noise, over all sensors.
 
-        To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N sums the information of all
-        sensors and g_s is the gradient of s, so that the model of s is what the others alone make of it. Mean squares
-        are taken over sensors, loads and 21 neighbouring lines; the error is 0 where it is less than the noise.
+        The result has, line by line, the root mean square of the errors as a part of that of the FRFs, and the latter
+        in the unit of the record. To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N
+        sums the information of all sensors and g_s is the gradient of s, so that the model of s is what the others
+        alone make of it. Mean squares are taken over sensors, loads and 21 neighbouring lines; the error is 0 where it
+        is less than the noise.
 
         Parameters
         ----------

@@ -354,9 +354,10 @@ class _Stored(NamedTuple):
 
 
 def _locate_array(path: Path, array: str, when: str) -> _Stored:
-    """Shape, type, position in bytes and Fortran order of the array of an NPY file, or of the dataset `array` of an HDF5 file.
+    """Shape, type, position in bytes and Fortran order of the array of an NPY file, or of the dataset `array` of HDF5.
 
-    `array` is "" for NPY. `when` says in errors at which point reading failed, as in "at sample 100".
+    `array` is "" for NPY. The position is None where a dataset is stored in pieces. `when` says in errors at which
+    point reading failed, as in "at sample 100".
     """
     with _reading_errors(path, when):
         if array:

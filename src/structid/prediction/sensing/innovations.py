@@ -172,9 +172,9 @@ def judge_innovations(
 def _larger(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _LARGER) -> str:
     """Words on whitened innovations (n_times, n) that are significantly larger than those of replicates; else "".
 
-    Their mean square must exceed that of each replicate, and in logarithms the mean by three deviations; their root
-    mean square must exceed the geometric mean of those of replicates by more than the part `least` of it. "" too if n
-    is 0.
+    Their mean square must exceed that of each replicate, and in logarithms the mean by three standard deviations; their
+    root mean square must exceed the geometric mean of those of replicates by more than the part `least` of it.
+    `replicates` are two arrays like `whitened` or more. "" too if n is 0.
     """
     if not whitened.size:
         return ""
@@ -225,7 +225,10 @@ def _geometric_mean(values: Sequence[float]) -> float:
 
 
 def _is_beyond(value: float, usual: Sequence[float]) -> bool:
-    """True if a positive value exceeds all of `usual`, and its logarithm the mean of theirs by more than three deviations."""
+    """True if a value exceeds all of `usual`, and its logarithm the mean of theirs by more than three deviations.
+
+    `usual` are two positive values or more.
+    """
     if not value > max(usual):
         return False
     logs = np.log(usual)

@@ -304,8 +304,9 @@ def _repair_samples(
 def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:
     """`record` without its least-squares mean, straight line or polynomial in each channel. A sentence goes to `steps`.
 
-    `degree` is "mean", "linear", "none" (unchanged) or the degree of the polynomial. Raises `InputError` if the record
-    has no more samples than the polynomial has terms.
+    `degree` is "mean", "linear", "none" (unchanged) or the degree of the polynomial. The noise variance is lowered by
+    the part of the samples that the fitted terms take. Raises `InputError` if the record has no more samples than the
+    polynomial has terms.
     """
     if degree == "none":
         return record

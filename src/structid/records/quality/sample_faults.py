@@ -40,9 +40,10 @@ def quantum(y: FloatArray) -> float:
 def clipped_samples(y: FloatArray) -> Flags:
     """Mask (n_times,) of samples of `y` at its highest or lowest value because the converter or amplifier saturates.
 
-    That value must occur 2.5 times as often as the next two steps of the converter together, and at least three times in a
-    row away from the ends or 20 times in all. A smooth crest in coarse steps gives at most 1.4 times (levels in the
-    ratio 1 : 0.41 : 0.32). Signals that were filtered or resampled after clipping are not recognised.
+    That value must lie half a standard deviation from the median, occur 2.5 times as often as the next two steps of the
+    converter together, and at least three times in a row away from the ends or 20 times in all. A smooth crest in
+    coarse steps gives at most 1.4 times (levels in the ratio 1 : 0.41 : 0.32). None are flagged where `y` has fewer
+    than four values. Signals that were filtered or resampled after clipping are not recognised.
     """
     flags = np.zeros(len(y), dtype=bool)
     levels, counts = np.unique(y, return_counts=True)

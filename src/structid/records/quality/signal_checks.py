@@ -90,9 +90,10 @@ def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
 
 
 def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
-    """Median level of the channels of the same quantity that move, for each channel, (n_channels,); 0 if none of them moves.
+    """Median level of the channels alike that move, for each channel, (n_channels,); 0 if none of them moves.
 
-    `level` (n_channels,) holds the standard deviation of each channel.
+    Alike are channels of the same quantity, both translations or both rotations. `level` (n_channels,) holds the
+    standard deviation of each channel.
     """
     kinds = [(q, c.is_rotation) for q, c in zip(record.quantities, record.channels, strict=True)]
     moving = np.ptp(record.values, axis=0) > 0

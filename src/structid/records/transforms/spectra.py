@@ -190,7 +190,10 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
 
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
-    """Column index of the channel with each of `dofs` and its entry of `quantities`; `InputError` if one is missing."""
+    """Column index of the channel with each of `dofs` and its entry of `quantities`.
+
+    `InputError` if one is missing, or `dofs` is empty.
+    """
     if not dofs:
         raise InputError(
             "no channel is a force, so `inputs` names none: name the channel of the load (`quantities`), or of the support that"

@@ -543,7 +543,8 @@ def _match_pair(name: str) -> re.Match[str] | None:
     """Match of a header as a pair output/input with unit and part (`re`, `phase`, ...); None if it is no such pair.
 
     The part follows the pair in `name`, or precedes it if both names are degrees of freedom; it is put last then.
-    Groups of the match: `output`, `input`, `unit` (in square brackets) or `round` (in round ones), `part`.
+    Groups of the match: `output`, `input`, `unit` (in square brackets) or `round` (in round ones), `part`, and `own`, a
+    unit in brackets behind the part.
     """
     if len(name) > LONGEST_NAME:
         return None

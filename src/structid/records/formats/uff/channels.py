@@ -36,14 +36,14 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def dof_of(path: Path, node_and_direction: tuple[int, int], role: str, function: int) -> Dof:
-    """The degree of freedom of a node and direction of a universal file (1 to 3 translations, 4 to 6 rotations, signed).
+    """Degree of freedom of a node and direction of a universal file (1 to 3 translations, 4 to 6 rotations, signed).
 
     `node_and_direction` are both numbers as the file has them; `role` and `function` (its number) are for errors.
 
     Raises
     ------
     FileError
-        If the direction is 0 (a scalar) or larger than 6.
+        If the direction is 0 (a scalar) or above 6 in size, or the node is negative.
     """
     node, direction = node_and_direction
     if not 1 <= abs(direction) <= 6 or node < 0:

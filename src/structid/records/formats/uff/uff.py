@@ -118,7 +118,8 @@ def _nodes(path: Path, blocks: list[UffDataset]) -> UniversalNodes:
 def _no_response_error(path: Path, functions: list[Dataset58]) -> FileError:
     """The error to raise for a file without FRFs and time responses, which names what the file holds.
 
-    `functions` are all datasets 58 of the file.
+    It is a `StoredSpectraError` if there are only spectra or only correlation functions, beside coherences. `functions`
+    are all datasets 58 of the file.
     """
     kinds = sorted({function.kind for function in functions})
     names = ", ".join(map(_name, kinds))
