@@ -111,9 +111,9 @@ def identified_model(
 ) -> IdentifiedModel:
     """An `IdentifiedModel` from estimated parameters, their covariance, and the influence of fixed values on them.
 
-    A fixed value that is off by one tolerance changes the parameters by its column of `fixed_changes` and the model by itself.
-    Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The effect of second order
-    is an error of its own, which changes the parameters alone.
+    A fixed value that is off by one tolerance changes the parameters by its column of `fixed_changes` and the model by
+    itself. Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The
+    effect of second order is an error of its own, which changes the parameters alone.
 
     Parameters
     ----------
@@ -125,12 +125,18 @@ def identified_model(
     covariance : (n_params, n_params) float array
         Of the data alone: by noise, or by model error where the fit misses the noise; physical units.
     fixed : mapping of str to float, optional
-        What each column of `fixed_changes` is owed to, such as ``mass[deck]``, and its tolerance as a part of the value. What is no
-        property of the structure, such as the calibration of a record or `SECOND_ORDER`, changes the parameters alone.
+        What each column of `fixed_changes` is owed to, such as ``mass[deck]``, and its tolerance as a part of the
+        value. What is no property of the structure, such as the calibration of a record or `SECOND_ORDER`, changes the
+        parameters alone.
     fixed_changes : (n_params, n_fixed) float array, optional
         Change of each parameter, physical units, for one tolerance of each fixed value: `FixedValueInfluence.changes`.
     words : str
         What the uncertainty includes.
+
+    Returns
+    -------
+    IdentifiedModel
+        Its parameters are the given ones and, behind them, a factor of 1 on each property that `fixed` names.
 
     Raises
     ------

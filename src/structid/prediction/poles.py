@@ -157,9 +157,10 @@ def _solve(matrix: sparse.csc_array, right: FloatArray) -> FloatArray:
 
 
 def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
-    """Mass-orthonormal motions (n_dofs, n_kept) that span `columns` (n_dofs, n), without those that add nothing to the others.
+    """Mass-orthonormal motions (n_dofs, n_kept) that span `columns` (n_dofs, n), without those that hardly add any.
 
-    Motions without mass are left out too.
+    `columns` are scaled to unit mass; directions whose eigenvalue of the columns' mass products is below 1e-8 of the
+    largest, and motions without mass, are left out.
     """
     if not columns.size:
         return columns
@@ -248,6 +249,12 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
     reduced : ReducedMatrices
     damping : (n_modes, n_modes) float array, optional
         Viscous damping in place of `reduced.damping` and `reduced.structural`.
+
+    Returns
+    -------
+    PoleSum
+        Displacements of the outputs per unit input: two poles (1/s) for each elastic mode, and free rigid motions as
+        the input integrated twice.
 
     Raises
     ------

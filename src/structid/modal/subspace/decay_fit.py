@@ -264,8 +264,9 @@ def _directions(coefficients: FloatArray) -> FloatArray:
 def _normal(parts: Sequence[_RecordAtPoles], sigma: FloatArray) -> NormalEquations:
     """Normal equations, in all Re s, then all Im s, of the least-squares problem for the poles s (rad/s).
 
-    Residuals are divided by `sigma` (n_channels,), the standard deviation of the noise. `parts` are the projections of
-    the records at the present poles.
+    They are matrix (2 n, 2 n), gradient (2 n,) of half the sum of squares, and cost of n poles. Residuals are divided
+    by `sigma` (n_channels,), the standard deviation of the noise. `parts` are the projections of the records at the
+    present poles.
     """
     size = len(parts[0].triangle)
     matrix, gradient = np.zeros((size, size)), np.zeros(size)

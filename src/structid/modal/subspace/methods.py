@@ -57,6 +57,12 @@ def pencil(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 
     n_pieces : int
         Number of windows of the data for the covariance of the result.
 
+    Returns
+    -------
+    Subspace
+        Singular vectors and values of the matrix, from which models of up to `max_order` states follow, and the
+        windows.
+
     Raises
     ------
     InputError
@@ -85,6 +91,12 @@ def ssi_cov(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int =
         Greatest number of states.
     n_pieces : int
         Number of windows of the data for the covariance of the result.
+
+    Returns
+    -------
+    Subspace
+        Singular vectors and values of the matrix, from which models of up to `max_order` states follow, and the
+        windows.
 
     Raises
     ------

@@ -188,9 +188,9 @@ def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: i
 def piece_deviations(subspace: Subspace, max_order: int) -> SingularVectorChanges:
     """Deviation of each window's part of the subspace matrix from its share of the whole, for stationary motion.
 
-    Each is multiplied by the leading `max_order` right singular vectors, (n_windows, n_rows, max_order), and its
-    transpose by the left ones, (n_windows, n_columns, max_order). The sum over windows of squared deviations is the
-    variance of the whole.
+    Deviations are reduced to their products with the singular vectors, (n_windows, rank, max_order): U' d V_n and V' d'
+    U_n with the leading `max_order` right and left vectors V_n and U_n, and the part of d V_n outside of U. The sum
+    over windows of squared deviations is the variance of the whole.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
@@ -292,10 +292,10 @@ def frequency_widening(poles: ComplexArray, seconds: float, n_pieces: int, memor
 def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> SingularVectorChanges:
     """Deviations of the subspace matrix by noise, `n_changes` in number, from shifted residuals of a free decay.
 
-    The residual of each record is shifted cyclically and added to its fitted decay; deviations are over the square root
-    of `n_changes`, so that the sum of squares is the variance. Pieces of a decay cannot serve, since they are no
-    repeats of each other. `max_order` is the number of leading singular vectors by which deviations are multiplied.
-    `motion` has the decay and residual of each record.
+    The residual of each record is shifted cyclically and added to its fitted decay, both of which `motion` has;
+    deviations are over the square root of `n_changes`, so that the sum of squares is the variance. Pieces of a decay
+    cannot serve, since they are no repeats of each other. The result has products of deviations with the leading
+    `max_order` singular vectors.
     """
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]

@@ -148,8 +148,8 @@ def likeliest_order(setup: SensingSetup, reduced: ReducedMatrices, chosen: Chose
     """Forces whose spectrum falls more steeply, where the record is likelier under them by more than chance; else None.
 
     By more than chance is a log-likelihood above the greatest so far by over 2. They have a correlation time and a size
-    too, so that nothing else is weighed. A higher order than that of `chosen` is tried while it is likelier. `reduced`
-    is the structure on its modes.
+    too, so that nothing else is weighed. The order is raised from that of `chosen` one by one while the record gets
+    likelier so and the size is not decided by a limit. `reduced` is the structure on its modes.
     """
     best = chosen
     while best.process.order < HIGHEST_ORDER:

@@ -40,10 +40,13 @@ class StateEquations:
 
 
 def state_equations(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> StateEquations:
-    """State equations from sample to sample; states are modal displacements, modal speeds and those of the unknown forces.
+    """State equations from sample to sample; states are modal displacements, modal speeds and those of unknown forces.
 
-    Forces that move the structure alike are combined; each independent combination has its states.
-    States are in scaled units. The inputs of `reduced` are the known forces, then the unknown ones, each of which is `process`.
+    They hold the transition, the effect of known forces at both ends of a step, the covariance of the noise, and the
+    readings of the sensors (in standard deviations of their noise) and of what is asked: wanted outputs, left-out
+    sensors, unknown forces. Forces that move the structure alike are combined; each independent combination has its
+    states. States are in scaled units. The inputs of `reduced` are the known forces, then the unknown ones, each of
+    which is `process`.
     """
     n, n_known = len(reduced.omega), reduced.inputs.shape[1] - setup.n_forces
     known = reduced.inputs[:, :n_known]
