@@ -221,7 +221,8 @@ def _rank_changes(explanation: Explanation) -> list[tuple[FittedModel, bool]]:
 
     Such are those whose criterion is less than 6 above the least. First the two likeliest of them, then two changes in
     addition to the first cause, then the rest of at most four of them, then others. The list is cut at four entries, or
-    after those that cannot be distinguished and two second changes if these are more.
+    after those that cannot be distinguished and two second changes if these are more. `explanation` has these changes
+    with their criteria.
     """
     marked = [
         (one, criterion - explanation.criteria[0] < ALIKE)
@@ -238,7 +239,8 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
     """Fitted change as a cause for the report, with the part of the misfit that it removes and the values it shifts.
 
     `is_alike` says that the data cannot distinguish it from the likeliest cause. The part of a second change is that of
-    the misfit which the first leaves. Added parameters are stated with value and unit.
+    the misfit which the first leaves. Added parameters are stated with value and unit. `explanation` has the fit
+    without changes, and the first cause.
     """
     base, before, after, target = explanation.base, explanation.base.values, fit.values, fit.modified.target
     candidate = fit.cause

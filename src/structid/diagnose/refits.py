@@ -331,7 +331,8 @@ def _stored(fitted: FittedModel) -> StoredFit:
 def restore_fit(base: FittedModel, candidate: Candidate, stored: StoredFit) -> FittedModel:
     """`FittedModel` of a candidate, its changed model included, from `stored`, what `fit_fully` returned.
 
-    `stored` must not be empty. If it is of a mirrored position, its position counts instead of the candidate's.
+    `stored` must not be empty. If it is of a mirrored position, its position counts instead of the candidate's. `base`
+    is the fit before the change.
     """
     where = tuple(stored["where"])
     if where != candidate.where:  # the candidate itself has its model in the cache
@@ -385,6 +386,7 @@ def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Mi
 
     Each factor of the candidate's `other_strengths`, and its inverse, is tried on the best strength so far, within the
     bounds. `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
+    `base` is the fit before the change, whose values are starts.
     """
     candidate, strength, _ = modified.changes[-1]
     for step in candidate.other_strengths:
@@ -443,7 +445,7 @@ def _misfit_left_out(base: FittedModel, modified: ModifiedModel, theta: FloatArr
     """Misfit of the data that the last change leaves out, with errors larger by the likeliest factor.
 
     0 if it leaves none out. `theta` holds the free variables of the changed model `modified`. With `is_near` the misfit
-    is that of the quick fit's problems.
+    is that of the quick fit's problems. `base` is the fit before the change.
     """
     candidate = modified.changes[-1].candidate
     if not candidate.leaves_data_out:

@@ -261,7 +261,7 @@ def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Col
 
     They are springs to the ground among `candidates`, eight at most, with their largest strength, for measured modes
     alone, where no linear step from a biased fit finds them; empty for other records. `held_nodes` are the supported
-    nodes.
+    nodes. `base` is the fit of the study, whose misfit each result states.
     """
     if not base.modified.is_of_modes:
         return []
@@ -280,7 +280,7 @@ def _exchanged(base: FittedModel, points: Sequence[Point]) -> set[Hashable]:
 
     Each leaves, by a linear step at the start of the parameters, less than half of the misfit there. `points` are the
     linearized problems of the screening, of which the first, that at the start, is used for large models. The set is
-    empty for measured modes.
+    empty for measured modes. `base` is the fit of the study.
     """
     modified = base.modified
     if modified.is_of_modes:
@@ -349,7 +349,7 @@ def _by_modes(
 
     A change that removes four fifths of the misfit of the modes may remove only a tenth of that of the FRFs that are
     computed from them. `rows` are screened candidates; `work` and `budget` run and limit the linear steps; `name` is
-    that of the stage in progress messages.
+    that of the stage in progress messages. `base` is the fit of the study, from which the step is made.
     """
     left = np.array(
         screen_changes(
@@ -414,7 +414,7 @@ def _of_whole_sets(base: FittedModel, rows: Sequence[Screened]) -> list[Screened
     """Candidates that a fixed property of a whole set is wrong, where `rows` have an element that differs in it.
 
     A linear step from a fit that is far off promises little of a fixed value, while elements are screened at other
-    points too. Each has the strength 1 and the misfit of the first such element.
+    points too. Each has the strength 1 and the misfit of the first such element. `base` is the fit of the study.
     """
     setup = base.modified.setups[0]
     of_set = {value.where[0]: value for value in fixed_values(setup.structure, setup.parameters)}
@@ -463,7 +463,8 @@ def _misplaced(base: FittedModel, left_out: Sequence[Screened]) -> list[Screened
     """Candidate positions, at up to four of the nearest nodes, of all loads and of the sensors in `left_out`.
 
     `left_out` are screened changes that leave out a sensor. Motions of driven supports have no candidates. Degrees of
-    freedom that the record measures already are no candidates.
+    freedom that the record measures already are no candidates. `base` is the fit of the study, whose misfit each result
+    states.
     """
     screened = []
     better_out = {(row.candidate.record, row.candidate.where[0]) for row in left_out}

@@ -170,7 +170,7 @@ def _of_two(
 
     Candidates for the first change are those in `explanation.begun`, except those at the positions of `tried`: a fit of
     one of two faults to all data is bent towards the other. Where the model has more than `PAIR_DOFS` degrees of
-    freedom or the budget is used up, `is_single` is set.
+    freedom or the budget is used up, `is_single` is set. `work` and `budget` run and limit the fits.
     """
     n_dofs = max(setup.structure.n_dofs for setup in explanation.base.modified.setups)
     if not budget.allows(explanation.spent) or n_dofs > PAIR_DOFS:
@@ -207,7 +207,8 @@ def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) 
     At most four other pairs are tried, and the best is taken. With the second given, another first is searched for: a
     change that only resembles the first of two faults loses its effect once the second is known. Where that brings
     nothing, a second is searched for with the next of the first causes. If the second explains as much alone, it is
-    returned as the only cause. Where the budget ends the search, `is_single` is set.
+    returned as the only cause. Where the budget ends the search, `is_single` is set. `explanation` has the first
+    causes; `work` and `budget` run and limit the fits.
     """
     if not budget.allows(explanation.spent, 0.5):
         return replace(explanation, is_single=True)
@@ -240,7 +241,8 @@ def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) 
 def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecutor) -> Explanation | None:
     """Explanation with the second cause of `pair` as its first, if that cause alone leaves only noise; None otherwise.
 
-    The causes of `explanation` follow it. None too if `pair` has no second cause that leaves only noise.
+    The causes of `explanation` follow it. None too if `pair` has no second cause that leaves only noise. `work` runs
+    the fit.
     """
     if pair.further is None or not pair.further.causes or pair.further.causes[0].is_misfit:
         return None
@@ -259,7 +261,7 @@ def _from_second(
 
     The likeliest cause of `second` is fitted alone, and a first cause is searched for in addition to it; then the
     causes of `second` are fitted again in addition to the new first cause. `explanation` has the causes that were found
-    first.
+    first. `work` and `budget` run and limit the fits.
     """
     alone = _alone(explanation, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
@@ -320,6 +322,7 @@ def _alone(explanation: Explanation, fitted: FittedModel, work: TaskExecutor) ->
     """Fit of the original model with only the last change of `fitted`; None if that does not lower the misfit.
 
     A cause of `explanation` at the same position is taken as it is; else the fit starts from the values of `fitted`.
+    `work` runs the fit.
     """
     change = _last_change(fitted)
     for one in explanation.causes:
@@ -334,7 +337,8 @@ def _alone(explanation: Explanation, fitted: FittedModel, work: TaskExecutor) ->
 def _from_elsewhere(base: FittedModel) -> FittedModel | None:
     """Unchanged study fitted anew from the end of its quick fit and from its fit; None if that fails.
 
-    None too if the study has no quick fit, or the new fit leaves 90 % of the chi-square or more.
+    None too if the study has no quick fit, or the new fit leaves 90 % of the chi-square or more. `base` is the fit of
+    the study.
     """
     if not base.near_path:
         return None
@@ -350,7 +354,8 @@ def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: Sear
     """Explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fitted fully.
 
     `which` is the prefix of stage names in progress messages, such as "second ". `further` of the result is None;
-    `left_out` counts the changes for which there was no time, and `begun` has the quick fits.
+    `left_out` counts the changes for which there was no time, and `begun` has the quick fits. `work` and `budget` run
+    and limit screening and fits.
     """
     clock, looks = SearchBudget(), budget.portion(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
@@ -459,7 +464,8 @@ def _fit_near_all(
 
     Changes of low `rank` are fitted first. A fit ends early where it can no longer be among the finalists, except for
     the indices in `kept`. `alike` gives, for each change, the index of the first one that may have the same fit (its
-    own if none); `name` is the stage in progress messages.
+    own if none); `name` is the stage in progress messages. `base` is the fit before the change; `work` and `budget` run
+    and limit the fits.
     """
     time = budget.portion(1.0, kept=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
@@ -527,7 +533,8 @@ def _refits_in_time(
 
     `items` are (candidate, strength, free variables at the start). At least `least` of them are fitted, whatever the
     budget. `alike` holds, for each item, the index of the first one that may have the same fit, whose fit it takes if
-    one residual confirms it; None if all differ. `name` is the stage in messages.
+    one residual confirms it; None if all differ. `name` is the stage in messages. `base` is the fit before the change;
+    `work` runs the fits.
     """
     alike = range(len(items)) if alike is None else alike
     originals = [k for k, other in enumerate(alike) if other == k]
@@ -541,9 +548,10 @@ def _refits_in_time(
 
 
 def _simpler(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
-    """The mass or spring to refit in place of a local resonance whose frequency is above or below all lines; empty otherwise.
+    """Mass or spring to refit in place of a local resonance with a frequency above or below all lines; else empty.
 
-    A list of one item: candidate, strength and free variables (n_params,) at which its fit starts.
+    A list of one item: candidate, strength and free variables (n_params,) at which its fit starts. `base` is the fit
+    without the resonance, `fitted` that with it.
     """
     limit = _limit_of(base, fitted, ratio=1.0)
     if limit is None:
@@ -555,7 +563,8 @@ def _limit_of(base: FittedModel, fitted: FittedModel, ratio: float = RIGID_RATIO
     """Mass (or rotary inertia) or spring to ground that a fitted local resonance has as its limit; None if it has none.
 
     A mass if its frequency is above `ratio` times the highest line, a spring if it is below the lowest line over
-    `ratio`, or if its mass is more than that of the structure. None too for changes that are no local resonance.
+    `ratio`, or if its mass is more than that of the structure. None too for changes that are no local resonance. `base`
+    is the fit without the resonance, `fitted` that with it.
     """
     if not isinstance(fitted.cause, Appendage):
         return None
@@ -597,7 +606,8 @@ def _lossy(base: FittedModel, fitted: FittedModel) -> list[RefitTask]:
     """Last change of `fitted`, if a spring, support or joint, with a loss factor of 0.02 as further unknown.
 
     A list of one item to refit (candidate, strength, free variables at the start), or empty: for other changes, for
-    modes, where the change leaves more than half of the misfit, and where it leaves only noise.
+    modes, where the change leaves more than half of the misfit, and where it leaves only noise. `base` is the fit
+    without the change.
     """
     candidate, strength = _last_change(fitted)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
@@ -627,7 +637,8 @@ def _of_large_model(base: FittedModel, work: TaskExecutor, budget: SearchBudget)
     """Explanation of the misfit of a large model by at most four refitted changes, without second causes.
 
     They are outlying lines, then the best screened changes at the start and at the fit in turn: where a fit bends all
-    values to a fault, linear steps from it see what it was bent to, and those from the start see the fault.
+    values to a fault, linear steps from it see what it was bent to, and those from the start see the fault. `base` is
+    its fit; `work` and `budget` run and limit screening and fits.
     """
     clock = SearchBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.portion(SCREENING_TIME))
@@ -722,7 +733,7 @@ def _is_no_cause_of_its_own(base: FittedModel, fitted: FittedModel, fits: Sequen
     Always False of other changes; too heavy is a mass above that of the structure. The limits are compared among the
     `fits`: a resonance fits no better where a likelihood ratio test at 1 % does not reject the simpler change, with
     `scale` as the variance of whitened residuals and lines within one correlation length of the residual of the simpler
-    fit counted as one.
+    fit counted as one. `base` is the fit without changes, `fitted` that with the resonance.
     """
     if not isinstance(fitted.cause, Appendage):
         return False
@@ -762,7 +773,8 @@ def _is_worth(base: FittedModel, fitted: FittedModel, scale: float, tried: int) 
     """True if a change lowers the misfit by more than chance among all `tried`, and by a part that matters.
 
     That part is 10 % of what goes beyond the noise, and the chance 1 %. `scale` is the variance of a whitened residual
-    that counts as noise. Data that `fitted` leaves out must also stand out (`_stands_out`).
+    that counts as noise. Data that `fitted` leaves out must also stand out (`_stands_out`). `base` is the fit without
+    the change, `fitted` that with it.
     """
     more = max(n_parameters(fitted.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - fitted.misfit
@@ -777,6 +789,7 @@ def _stands_out(base: FittedModel, fitted: FittedModel, tried: int) -> bool:
     """True if the data that a change leaves out have at least twice the misfit of the rest, beyond chance (F test).
 
     True as well if it leaves none out. `tried` is the number of changes that were tried, which share the risk of 1 %.
+    `base` is the fit without the change, `fitted` that with it.
     """
     left = fitted.modified.target.n_data
     out = base.modified.target.n_data - left

@@ -87,7 +87,7 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
 def linearize_fit(fitted: FittedModel) -> LinearizedFit:
     """Fit on fewer lines, linearized at its free variables once for all changes that are compared with it.
 
-    Fixed values are free within their tolerances, in large models exact. The effort is counted.
+    Fixed values are free within their tolerances, in large models exact. The effort is counted. `fitted` is that fit.
     """
     modified, target = fitted.modified, fitted.modified.coarse.target
     METER.add(iteration_effort(target))
@@ -107,7 +107,7 @@ def screen_sets(
     Each has its best strength; the order is that of the candidates. The misfit must drop by more than 2 % of it, except
     for mesh, shear, window and clock, which need no drop. Of each family the four that leave least are returned, and
     every clock. Misfits are estimated on the lines of `coarse` of the changed models, and scaled to all data. `name` is
-    that of the stage in progress messages.
+    that of the stage in progress messages. `base` is the fit of the study; `work` and `budget` run and limit the steps.
     """
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
@@ -144,7 +144,7 @@ def screen_changes(
 
     Infinite where there is no such model, its step fails, it cannot lower the misfit by 2 %, or there is no time for
     it. Fixed values that are columns of `linearized` need no changed model. `name` is that of the stage in progress
-    messages.
+    messages. `work` and `budget` run and limit the steps.
     """
     known = {
         k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)
@@ -165,7 +165,7 @@ def _screen_change(linearized: LinearizedFit, change: CandidateOfStrength, tools
     The step begins at the values of the fit, and at the initial ones too where the candidate asks for it; the lower
     misfit counts. `change` is the candidate and its strength. A change without a parameter that changes the residual by
     d lowers the misfit W after a step by no more than 2 sqrt(W) |d| to first order; infinite too where that is less
-    than 2 % of W. `tools` is not used.
+    than 2 % of W. `tools` is not used. `linearized` is the fit without the change.
     """
     base = linearized.fitted
     try:

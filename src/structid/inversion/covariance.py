@@ -285,7 +285,8 @@ def effective_blocks(problem: Problem, linearization: Linearization) -> FloatArr
     """Effective number of blocks of lines that determine each parameter, (n_params,); NaN for undetermined parameters.
 
     It is (sum a)^2 / sum a^2 with a_b = (A^-1 J_b' J_b A^-1)_jj the share of block b in the variance of parameter j and
-    A = J'J with prior rows. The blocks are the first grouping of `error_blocks`.
+    A = J'J with prior rows. The blocks are the first grouping of `error_blocks`. `linearization` is that of `problem`
+    at the minimum.
     """
     rows = problem.n_data
     block = error_blocks(linearization.residual[:rows], problem.rows.lines, problem.rows.series)[0]

@@ -415,9 +415,9 @@ class Estimate(Shown):
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Random draws of the parameters in physical units, (1, n_draws, n_params), normal in the free variables.
 
-        NaN for undetermined parameters. Without a covariance matrix (matrix-free search) the stored draws are returned, whose
-        number is not `n_draws`. Positive parameters not significantly different from 0 are drawn normal in physical units, cut
-        at 0.
+        NaN for undetermined parameters. Without a covariance matrix (matrix-free search) the stored draws are returned,
+        whose number is not `n_draws`. Positive parameters not significantly different from 0 are drawn normal in
+        physical units, cut at 0. `rng` gives the random numbers.
         """
         if not self.uncertainty.has_matrix:
             return (self.values + self.uncertainty.draws)[None]

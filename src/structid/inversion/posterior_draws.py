@@ -223,11 +223,12 @@ def posterior_draws(
 def counted_draws(
     linearization: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
 ) -> tuple[FloatArray, float, int]:
-    """Posterior draws of the errors of the free variables, the number of directions that the data determine, and of failed draws.
+    """Posterior draws of errors of the free variables, number of directions that the data determine, failed draws.
 
-    Of the `count` draws, those whose conjugate gradients converged are given, (n, n_params). The data determine tr(C J'J)
-    directions, with J the Jacobian of the data rows and C the posterior covariance, estimated as the mean of |J s|^2 over the
-    draws s; NaN without draws. `precondition` is the `preconditioner` without damping, made if None.
+    The last is the number of draws that failed. Of the `count` draws, those whose conjugate gradients converged are
+    given, (n, n_params). The data determine tr(C J'J) directions, with J the Jacobian of the data rows and C the
+    posterior covariance, estimated as the mean of |J s|^2 over the draws s; NaN without draws. `generator` draws the
+    errors; `precondition` is the `preconditioner` without damping, made if None.
     """
     made, missed = posterior_draws(linearization, count, generator, None, precondition)
     sound = made[np.isfinite(made).all(axis=1)]
@@ -238,10 +239,11 @@ def counted_draws(
 
 
 def error_draws(problem: Problem, linearization: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
-    """Function of a generator that draws data errors (n_data,): the residual with one random factor for each block of lines.
+    """Function of a generator that draws data errors (n_data,): the residual times a random factor for each block.
 
-    The scores J'e then have the covariance sum of g_b g_b', with g_b = J_b' r_b of block b of the residual r and its
-    correction for few blocks (see `model_error_covariance`). The function gives NaN if there is only one block.
+    Blocks are stretches of lines. The scores J'e then have the covariance sum of g_b g_b', with g_b = J_b' r_b of block
+    b of the residual r and its correction for few blocks (see `model_error_covariance`). The function gives NaN if
+    there is only one block. `linearization` is that of `problem` at the answer.
 
     References
     ----------

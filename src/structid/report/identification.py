@@ -245,7 +245,8 @@ def verdict_words(view: ResultsView) -> dict[str, object]:
     """Template values, by key, for the verdict, its reasons, possible causes, suggested studies and fixed values.
 
     The table of changes is under ``causes`` if the diagnosis has causes, else under ``lowering``; None if there are
-    none. Fixed values are listed if 1 % of them moves a parameter by 0.1 standard deviations.
+    none. Fixed values are listed if 1 % of them moves a parameter by 0.1 standard deviations. `view` has diagnosis,
+    headline and advice.
     """
     diagnosis = view.diagnosis
     causes = diagnosis.named

@@ -71,7 +71,8 @@ _MOST_SETS = 12
 def value_table(view: ResultsView) -> Table:
     """Table of every parameter with standard deviation, 95 % interval, initial value and state.
 
-    Rows of parameters that are not determined are marked "doubtful".
+    Rows of parameters that are not determined are marked "doubtful". `view` lists the parameters in the order of the
+    rows.
     """
     header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
     rows = tuple(
@@ -91,7 +92,8 @@ def value_table(view: ResultsView) -> Table:
 def parameter_table(view: ResultsView) -> Table:
     """Table of every parameter with prior, change, and standard deviations from noise and from model error.
 
-    The standard deviation beside the value is the adopted one, named in the header.
+    The standard deviation beside the value is the adopted one, named in the header. `view` lists the parameters in the
+    order of the rows.
     """
     estimate = view.identification.estimate
     adopted = "model error" if estimate.covariance_basis == "model_error" else "noise"

@@ -55,7 +55,10 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
 
 
 def merged_text(names: Sequence[str], merging: MergedModes) -> list[RenderableType]:
-    """Terminal text of modes merged from several set-ups: heading, warnings and table; `names` are those of the set-ups."""
+    """Terminal text of modes merged from several set-ups, which have the `names`: heading, warnings and table.
+
+    `merging` has the merged modes, and their frequencies in each set-up.
+    """
     modes, n = merging.modes, merging.modes.n_modes
     heading = f"{', '.join(names)}: {plural(n, 'mode')} at {plural(len(modes.channels), 'sensor')}"
     heading += modes.unknown_words

@@ -103,7 +103,10 @@ def _percent(part: Prediction, index: tuple[int, ...]) -> str:
 
 
 def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> str:
-    """Text of the 95 % interval of the value at `index`, times `factor` (100 for per cent); a dash if it is not finite."""
+    """Text of the 95 % interval of the value at `index`, times `factor` (100 for per cent); a dash if it is not finite.
+
+    `part` is the prediction that has it.
+    """
     low, high = factor * float(part.low[index]), factor * float(part.high[index])
     if not np.isfinite([low, high]).all():
         return NOTHING

@@ -207,7 +207,10 @@ def _with_policy(send: Send, policy: str) -> Send:
 
 
 async def _answer(send: Send, status: int, text: str) -> None:
-    """Send a complete response with the HTTP status `status` and the plain text `text`."""
+    """Send a complete response with the HTTP status `status` and the plain text `text`.
+
+    `send` is the function that ASGI gives.
+    """
     body = text.encode()
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})

@@ -76,7 +76,8 @@ def _whole_record(comparison: AlignedFrf, level: FloatArray, agreement: FloatArr
 
     `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
     (n_outputs, n_inputs). A power of ten is 100 or more, or 1/100 or less. A smaller factor is stated only where the
-    loads agree on it, the phases fit and most resonances have a partner. None otherwise.
+    loads agree on it, the phases fit and most resonances have a partner. None otherwise. `comparison` has the record
+    and the paired resonances.
     """
     record = comparison.record
     common, goes = float(np.nanmedian(level)), float(np.nanmedian(agreement))

@@ -202,7 +202,7 @@ def _refit_replicate(
 
     `shared` holds the problem, the free variables of the estimate, the residual there, and the kind of bootstrap:
     "noise" draws new errors, "blocks" changes the signs of the residual by blocks. A search that does not converge has
-    failed. `tools` runs it.
+    failed. `tools` runs it. `rng` gives the errors or signs.
     """
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))

@@ -228,7 +228,7 @@ def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.rand
     """Binary tree of leapfrog steps from `start` with a new random momentum, doubled until it turns back or diverges.
 
     `log_density` gives density and gradient, `size` is the step size; there are at most eight doublings. The next draw
-    of the chain is `_Tree.drawn`, with the momentum that it has there.
+    of the chain is `_Tree.drawn`, with the momentum that it has there. `rng` gives momentum, directions and choices.
     """
     begin = _State(start, rng.standard_normal(len(start.x)))
     tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)

@@ -72,7 +72,8 @@ class Profile:
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Random draws of the parameter in physical units, (1, n_draws, 1), distributed as the profile likelihood.
 
-        A standard normal number is the signed root of the deviance, interpolated between the points and extrapolated linearly.
+        A standard normal number is the signed root of the deviance, interpolated between the points and extrapolated
+        linearly. `rng` gives the random numbers.
 
         Raises
         ------

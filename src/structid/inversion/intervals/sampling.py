@@ -195,7 +195,7 @@ def sampled_ends(
     """Interval ends (n_params, 2) in physical units from posterior draws, and warnings as a tuple of sentences.
 
     `level` is the probability of the interval. The ends are NaN if the noise covariance is not finite or the draws are
-    not reliable. `seed` fixes the draws.
+    not reliable. `seed` fixes the draws. `work` runs the chains.
     """
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)

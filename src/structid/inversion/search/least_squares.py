@@ -384,6 +384,7 @@ def damped_end(
 
     It ends as converged if every entry is at most `step_tolerance` times the size of its parameter or the damping is
     above 1e40, or if the decrease is at most `gain_tolerance` times the sum of squares and the damping below 1000.
+    `point` is where the step begins, with sum of squares and sizes.
     """
     if (np.abs(step) <= step_tolerance * point.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")

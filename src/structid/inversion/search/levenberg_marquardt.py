@@ -243,6 +243,7 @@ class LevenbergMarquardt(WithJacobian):
         The step is cut to the largest one of each parameter and to the reach of the search. If it keeps at most 0.7 of
         the predicted decrease, it is also tried with acceleration and the better one taken. The gain ratio is the
         decrease of the sum of squares over that predicted for the uncut step. The step may raise the sum of squares.
+        `damping` has the factor of the damping, its scale, the largest steps and the reach.
         """
         damped = _damped(point.triangle, damping.factor, damping.scale)
         velocity = _velocity(point, damped, damping)
@@ -322,7 +323,8 @@ class Raced(LevenbergMarquardt):
         """Levenberg-Marquardt trial from `point`, or the end of a search that will probably stay above `self.above`.
 
         It ends, not converged, if the decrease of the undamped step is below `self.left_at` of the sum of squares, and
-        four times that decrease would not bring the sum of squares down to `self.above`.
+        four times that decrease would not bring the sum of squares down to `self.above`. `damping` is that of the
+        trial.
         """
         promised = float(point.projected @ point.projected)
         if promised < self.left_at * point.cost and point.cost - _MOST_GAINED * promised > self.above:

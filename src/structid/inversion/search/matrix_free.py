@@ -90,7 +90,7 @@ class MatrixFree:
         """Trial with the damped step from `point` by conjugate gradients and its gain ratio, or with the reason to end.
 
         The gain ratio is the decrease of the sum of squares over that predicted for the step before it is shortened to
-        its limit; -1 if none is predicted.
+        its limit; -1 if none is predicted. `damping` has the factor of the damping, its scale and the largest steps.
         """
         linearization, weight = point.at, damping.factor * damping.scale**2
         gradient = linearization.transposed(linearization.residual)

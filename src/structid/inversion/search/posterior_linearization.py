@@ -88,8 +88,8 @@ def _draw_residuals(
 ) -> tuple[FloatArray, FloatArray]:
     """Antithetic standard normal draws, (n_draws, n_params), and the residuals there, (n_draws, n_rows).
 
-    The free variables are `middle` (n_params,) plus `factor` (n_params, n_params) times a draw, clipped to their reach. Draws
-    where the model cannot be evaluated are left out.
+    The free variables are `middle` (n_params,) plus `factor` (n_params, n_params) times a draw, clipped to their reach.
+    Draws where the model cannot be evaluated are left out. `rng` gives the draws.
     """
     n_params = len(middle)
     half = rng.standard_normal((max(_FEWEST_DRAWS, _DRAWS_EACH * n_params) // 2, n_params))

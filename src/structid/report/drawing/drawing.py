@@ -167,7 +167,7 @@ def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
     """Marks of all elements in drawing order, and wall lines (n, 2) of connectors to the ground.
 
     Cell faces come first, then connectors, lines, and symbols of masses, which cover the lines. Walls have NaN between
-    them.
+    them. `frame` has the node positions on paper and the sizes of symbols.
     """
     sets = frame.structure.elements
     connectors = [(e, k) for e in sets if _is_connector(e) for k in range(len(e.nodes))]
@@ -237,11 +237,12 @@ class _Obstacles:
 def _connector(
     frame: _Frame, element: Connector, index: int, obstacles: _Obstacles, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Path (n, 2), wall line (n, 2) and centre (2,) of the symbol of a spring, dashpot or friction contact, in drawing units.
+    """Path (n, 2), wall line (n, 2) and centre (2,) of the symbol of a spring, dashpot or friction contact.
 
-    `index` is the element's row in its set; `obstacles` decide how far the symbol is shifted and to which side the ground lies;
-    `taken` counts the parallel connectors drawn so far, and is increased. Only a connector of a translation to the ground has a
-    wall line; others have an empty one.
+    Lengths are in drawing units. `index` is the element's row in its set; `obstacles` decide how far the symbol is
+    shifted and to which side the ground lies; `taken` counts the parallel connectors drawn so far, and is increased.
+    Only a connector of a translation to the ground has a wall line; others have an empty one. `frame` has the node
+    positions on paper and the sizes of symbols.
     """
     first = element.first[index]
     second = None if element.second is None else element.second[index]
@@ -280,7 +281,7 @@ def _ground_direction(frame: _Frame, dof: Dof, obstacles: _Obstacles) -> tuple[F
     """Unit direction (2,) on paper from a node to the ground for its connector, and True if an element lies there.
 
     It is opposite to the positive axis of `dof`, unless an element lies on that side alone: within about 26 degrees of
-    the direction. `obstacles` knows the nodes that elements join to it.
+    the direction. `obstacles` knows the nodes that elements join to it. `frame` has the node positions on paper.
     """
     along = symbols.unit(frame.direction(dof))
     ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in obstacles.neighbours.get(dof.node, ())]
@@ -293,11 +294,12 @@ def _ground_direction(frame: _Frame, dof: Dof, obstacles: _Obstacles) -> tuple[F
 def _area(
     frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Outline (n, 2) and centre (2,) of an element's symbol: disc for a mass, ring for rotary inertia, square for others.
+    """Outline (n, 2) and centre (2,) of an element's symbol: disc for a mass, ring for rotary inertia, else a square.
 
     `index` is the element's row in its set. The area of a disc is in proportion to its mass, down to a limit, with
     `heaviest` the largest mass (kg). `taken` counts symbols other than discs at the same position, which are drawn
-    beside each other or as wider rings, and is increased.
+    beside each other or as wider rings, and is increased. `frame` has the node positions on paper and the sizes of
+    symbols.
     """
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if _is_mass(element):
@@ -335,7 +337,8 @@ def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str
 def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
     """Arrow of a sensor, which starts at its node, or with `is_load` of a load, which ends there.
 
-    Rotations have two heads, or a curved arrow about the axis normal to a plane structure.
+    Rotations have two heads, or a curved arrow about the axis normal to a plane structure. `frame` has the node
+    positions on paper and the sizes of symbols; `dof` is that of the channel, with its sign.
     """
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
@@ -359,7 +362,8 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
 def _links(frame: _Frame) -> list[FloatArray]:
     """Line segments (2, 2) from one node to every other node of each rigid link or constraint, in drawing units.
 
-    They start at the main node of a link, and at the dependent node of a constraint.
+    They start at the main node of a link, and at the dependent node of a constraint. `frame` has the node positions on
+    paper, and the structure with these ties.
     """
     segments = []
     for tie in frame.structure.ties:
@@ -382,6 +386,7 @@ def _place_labels(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], bu
     """Labels of nodes below them, and of element sets beside one of their `marks`.
 
     Nodes in `busy` are labelled, and all `shown` ones if the structure has at most 40 nodes; both hold node labels.
+    `frame` has the node positions on paper.
     """
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])

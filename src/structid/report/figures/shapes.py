@@ -182,7 +182,8 @@ def shapes_figure(result: ModesResult) -> plot.Figure:
 def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
     """Plot curves of one mode (index `mode`): the structure at rest and its measured lines deflected, moving ones last.
 
-    `is_row` is True for sensors in a row, where each direction has its symbol.
+    `is_row` is True for sensors in a row, where each direction has its symbol. `scene` has positions, motions of all
+    modes and chains of points.
     """
     traces = []
     for number, (name, path) in enumerate(scene.measured.items()):
@@ -202,7 +203,7 @@ def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
 def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
     """Plot curve of the ellipses that points follow in a cycle of the mode of index `mode` (from 0).
 
-    None if nothing moves or all ellipses are nearly flat.
+    None if nothing moves or all ellipses are nearly flat. `scene` has positions and motions of all modes.
     """
     motion = scene.motion[mode]
     moving = np.flatnonzero(np.abs(motion).max(axis=1) > 0)
@@ -223,7 +224,8 @@ def _curve(
 ) -> plot.Curve:
     """Plot curve along the point indices `path` (-1 lifts the pen), moving in mode `mode`, at rest if None.
 
-    `mode` is an index from 0, `label` the entry in the legend; `pen` and `marker` draw lines and points.
+    `mode` is an index from 0, `label` the entry in the legend; `pen` and `marker` draw lines and points. `scene` has
+    positions and motions of all modes.
     """
     lifted = (np.array(path) < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T

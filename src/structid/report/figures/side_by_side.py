@@ -193,7 +193,8 @@ def _panels(correlation: ModesCorrelation, chosen: IntArray, scene: _Scene) -> t
     """Plot panels, one for each mode pair, with measured and model shape side by side; all have the same axes.
 
     `chosen` (n_chosen,) are the indices of the measured modes. A measured shape is drawn as expanded to the structure,
-    or as the model's if it was not, with dots at the sensors as measured. Each pair has its scale.
+    or as the model's if it was not, with dots at the sensors as measured. Each pair has its scale. `scene` is the
+    geometry, with rows of nodes and sensors.
     """
     structure = correlation.structure
     like = correlation.model.mode_shapes @ correlation.coefficients[:, chosen]
@@ -246,7 +247,8 @@ def _curve(
     """Plot curve along the node rows `path` (-1 lifts the pen), shifted by `offset` (m).
 
     `motion` (n_nodes, 3) is the displacement that animates it, None at rest. A path without lines is drawn as dots.
-    `label` is its entry in the legend. `pen` draws lines and `marker` points; None draws none.
+    `label` is its entry in the legend. `pen` draws lines and `marker` points; None draws none. `scene` has the
+    positions of the nodes.
     """
     lifted = (path < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T

@@ -89,6 +89,7 @@ def _shading(shading: Shading, study: Study) -> dict[str, StoredEntry]:
     """Shading for the page: ``title``, ``legend`` (colours and tick labels), and ``sets`` by name of element set.
 
     A set holds its distinct ``colours``, the packed ``index`` of the colour of each element, and texts of its changes.
+    `shading` has the changes of elements and their colours, `study` the element sets.
     """
     sets: dict[str, StoredEntry] = {}
     for element in study.structure.elements:
