@@ -191,7 +191,8 @@ def _diagnose_explained(
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
     """Sentence, in a tuple, on causes that were not tried for lack of time, and how to continue; empty if all were.
 
-    Of a large model it says instead that only a few changes are fitted, or only those of the records.
+    `explanation` is that of the search. Of a large model it says instead that only a few changes are fitted, or only
+    those of the records.
     """
     modified = explanation.base.modified
     if modified.is_large:

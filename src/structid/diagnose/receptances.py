@@ -230,7 +230,8 @@ class Receptances:
     def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
         """Columns, by their indices `columns`, of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns).
 
-        Z = s^2 M + s C + K + i D, with D the structural damping.
+        Z = s^2 M + s C + K + i D, with D the structural damping, on the free degrees of freedom of `structure`, which
+        may be another one with the same properties.
         """
         inertia, viscous, elastic, structural = (
             structure.matrix(kind, self.values)[:, columns].toarray()

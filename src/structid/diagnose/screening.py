@@ -378,8 +378,9 @@ def _screen_candidates(
 def _with_friction(best: _Promises, can_rub: bool) -> None:
     """Add candidates of dry friction to `best`, in place, at the positions of its two best dampers to the ground.
 
-    Smoothed data do not distinguish the two; each gets the part of the misfit that its damper removes. `can_rub` is
-    False where friction cannot be modelled; nothing is added then.
+    `best` maps keys of candidates to pairs (part of the misfit removed, screened candidate). Smoothed data do not
+    distinguish the two; each gets the part of its damper, unless `best` has this candidate already. `can_rub` is False
+    where friction cannot be modelled; nothing is added then.
     """
     dampers = [
         pair

@@ -64,7 +64,10 @@ def modes_table(correlation: ModesCorrelation) -> Table:
 
 
 def surplus_table(correlation: ModesCorrelation) -> Table | None:
-    """Table of model modes in the measured range that no measured mode is paired with; None if there are none."""
+    """Table of model modes in the measured range that no measured mode is paired with; None if there are none.
+
+    Columns are number of the mode (from 1), frequency (Hz), and the measured mode of largest MAC with that MAC.
+    """
     if not correlation.pairing.surplus:
         return None
     rows = []
@@ -120,7 +123,10 @@ def expansion_table(correlation: ModesCorrelation) -> Table | None:
 
 
 def resonances_table(correlation: ResponsesCorrelation) -> Table | None:
-    """Table of resonances of a record (Hz) with the closest ones of the model; None if the record shows none."""
+    """Table of resonances of a record with the closest ones of the model; None if the record shows none.
+
+    Columns are both frequencies (Hz) and the relative difference of the model's (%).
+    """
     if not correlation.resonances:
         return None
     rows = tuple(

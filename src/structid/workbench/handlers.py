@@ -320,9 +320,10 @@ async def _lines(bench: Workbench, request: Request) -> Response:
 
 
 def _modes_folder(name: str, *keys: str) -> Handler:
-    """Handler that lets the worker function `name` write a folder of modes, and answers with the address of its report.
+    """Handler that lets the worker function `name` write a folder of modes, and answers with its result and report.
 
-    `keys` are the entries of the request's JSON body that the function takes.
+    `keys` are the entries of the request's JSON body that the function takes; ``out`` in the body is the folder, which
+    may exist only with ``replace``. The address of the report is ``page`` in the answer.
     """
 
     async def asked(bench: Workbench, request: Request) -> Response:

@@ -50,7 +50,7 @@ class Mass(Candidate):
 
     @classmethod
     def _at_nodes(cls, receptances: Receptances, record: int | None = None, name: str = "") -> Iterator[Candidate]:
-        """Candidate masses at chosen nodes that translate, one for each node.
+        """Candidate masses at nodes that translate, one for each of `chosen_nodes` (up to 60, and those of channels).
 
         `record` and `name` are the index and name of the only record that has them; by default all have them.
         `receptances` are those of that record, or of the first of all. Strengths are masses, kg, of either sign.

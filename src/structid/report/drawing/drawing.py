@@ -281,7 +281,8 @@ def _ground_direction(frame: _Frame, dof: Dof, obstacles: _Obstacles) -> tuple[F
     """Unit direction (2,) on paper from a node to the ground for its connector, and True if an element lies there.
 
     It is opposite to the positive axis of `dof`, unless an element lies on that side alone: within about 26 degrees of
-    the direction. `obstacles` knows the nodes that elements join to it. `frame` has the node positions on paper.
+    the direction. `obstacles` has the nodes to which elements join the node of `dof`, `frame` the node positions on
+    paper.
     """
     along = symbols.unit(frame.direction(dof))
     ways = [symbols.unit(frame.points[n] - frame.points[dof.node]) for n in obstacles.neighbours.get(dof.node, ())]

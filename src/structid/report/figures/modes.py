@@ -64,7 +64,7 @@ def band_used(fits: Sequence[RecordFit], modal_fits: Sequence[ModalFit] = ()) ->
 def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
     """Figure of natural frequencies (Hz) and damping ratios (%) by mode number, initial and identified.
 
-    `band` (low, high) in Hz is marked as the band used. `rows` has these by mode.
+    `rows` has these by mode. `band` (low, high) in Hz is marked in the panel of frequencies as the band used.
     """
     number = np.arange(1, len(rows.frequency) + 1)
     used = plot.boxes((0.4, len(number) + 0.6), band, palette.YELLOW, "band used", 0.25)

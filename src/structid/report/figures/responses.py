@@ -175,9 +175,9 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
-    """Figure of the relative error (%) of every channel: median and 90 % quantile when fitted, median of the initial model.
+    """Figure of the relative error (%) of every channel: median and 90 % quantile when fitted, initial median.
 
-    The axis is logarithmic; medians of 0 are drawn at its lower end.
+    The axis is logarithmic; fitted medians of 0 are drawn at its lower end.
     """
     errors = channels(fit)
     labels, positions = [c.label for c in errors], np.arange(len(errors), dtype=float)
