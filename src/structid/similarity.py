@@ -230,9 +230,9 @@ def _paired_columns(
 ) -> tuple[NDArray[np.inexact], NDArray[np.inexact], NDArray[np.bool_]]:
     """Two sets of shapes with columns of unit norm, the second in phase with the first, and a mask of common entries.
 
-    The mask is True where an entry is known in both. All are (n_channels, n_shapes). Entries that are NaN in either set
-    become 0, also where a pair has no common entry. `InputError` if the sets differ in size or a column is zero
-    throughout.
+    The mask is True where an entry is known in both. All are (n_channels, n_shapes). Entries that are NaN in either
+    set become 0, so that a pair without a common entry is all 0. `InputError` if the sets differ in size or a
+    column is zero throughout.
     """
     x, y = _as_columns("first", first), _as_columns("second", second)
     if x.shape != y.shape:

@@ -110,9 +110,10 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print `text` as a line on stdout, or on stderr if `err`; control characters but line ends are shown as numbers.
+    """Print `text` as a line on stdout, or on stderr if `err`.
 
-    Paths are shortened to how the user typed them, unless `is_exact`.
+    Characters that cannot be printed, except line ends, are shown by their hexadecimal codes. Paths are shortened
+    to how the user typed them, unless `is_exact`.
     """
     from structid.core.isolation import paths_as_called  # the help needs none of it
 

@@ -55,10 +55,10 @@ def _from_here(words: str, folder: str) -> str:
 
 
 def _values(view: ResultsView) -> list[RenderableType]:
-    """Table of at most 24 identified values, and a note on the others if it is cut.
+    """List of a table of at most 24 identified values, and of a note on the others if it is cut.
 
-    Undetermined parameters then come first. Without a covariance matrix, the ten parameters that changed most take its
-    place.
+    Undetermined parameters then come first. Without a covariance matrix, the ten parameters that changed most are
+    tabled instead.
     """
     if not view.identification.estimate.uncertainty.has_matrix:
         return _changes(view)
@@ -75,7 +75,10 @@ def _values(view: ResultsView) -> list[RenderableType]:
 
 
 def _changes(view: ResultsView) -> list[RenderableType]:
-    """Table of the ten parameters that changed most, and a note that names the file with all; for very many parameters."""
+    """List of a table of the ten parameters that changed most, and of a note that names the file with all of them.
+
+    It is shown for very many parameters, whose estimate has no covariance matrix.
+    """
     table = new_table("parameter that moved most", "initial", "value", "unit")
     for parameter in view.parameters[:_MOST_CHANGES]:
         initial = number(parameter.scaled(parameter.initial))

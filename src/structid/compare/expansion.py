@@ -237,9 +237,10 @@ def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
 
 
 def _mixing_variance(modes: Modes, index: int, model_error: float) -> FloatArray:
-    """Variance of each model mode's part in a measured shape, relative to the squared part of the mode `index`, (n_modes,).
+    """Variance of each model mode's part in a measured shape, (n_modes,), over the squared part of the mode `index`.
 
-    A relative stiffness error `model_error` mixes modes the more, the closer their frequencies are; it is 1 for `index` itself.
+    A relative stiffness error `model_error` mixes modes the more, the closer their frequencies are. The variance is
+    below 1, and set to 1 for `index` itself, which counts from 0.
     """
     squares = (2 * np.pi * modes.frequency) ** 2
     together = model_error**2 * (1 + 3 * len(squares) * model_error**2)

@@ -184,14 +184,14 @@ def compare(
 
 
 def _least_cost(state: State) -> float:
-    """Least sum of squares of a state that was run, priors included: after a refit of all unknowns together with fixed values.
+    """Least sum of squares of a state that was run, priors included, with fixed values free within their tolerances.
 
-    Without tolerances of fixed values it is that at the answer.
+    Without such tolerances it is that at the answer.
 
     Raises
     ------
     InputError
-        If the state was fitted in time.
+        If time histories were fitted in a way that gives no problem to be joined.
     """
     assert state.result is not None
     answer = state.result.identification

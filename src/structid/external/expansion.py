@@ -214,9 +214,10 @@ class _Table:
 
 
 def _lowest_order(table: _Table, axis: _Axis) -> int:
-    """Lowest order at which a polynomial in one parameter predicts the next point; `InputError` if none up to the fourth does.
+    """Lowest order, 1 to 4, at which a polynomial in one parameter predicts the next point.
 
-    The points needed are evaluated in `table`.
+    The points needed are evaluated in `table`; all other parameters are at their nominal values. `InputError` if no
+    order predicts it.
     """
     for order in range(1, MOST_ORDER + 1):
         table.evaluate_at([{axis.name: part} for part in _PARTS[: order + 1]])

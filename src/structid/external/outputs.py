@@ -127,7 +127,7 @@ class ModesOut(OneFile):
 def existing_file(folder: Path, name: str) -> Path:
     """Path of the file `name` in the folder of a run.
 
-    If it is missing, an `InputError` that lists up to 12 files there.
+    If it is missing, `InputError` names up to 12 files there that are not empty.
     """
     path = folder / name
     if not path.is_file():

@@ -198,7 +198,8 @@ def needed_runs(
 def run_once(solver: Solver, values: Mapping[str, float], tools: TaskContext) -> str:
     """Run the solver at `values` (by name), again up to `retries` times if it fails; "" on success, else the reason.
 
-    A run that is kept already is not repeated. `tools` is not used. `InputError` if the command is not confirmed.
+    A run that is kept already is not repeated. `tools` is not used. `InputError` if the command is not confirmed,
+    `FileError` if the files cannot be written.
     """
     words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)
@@ -268,7 +269,8 @@ def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
 def _execute_command(solver: Solver, folder: Path) -> str:
     """Run the solver's command in `folder`, with its output in a log; "" if it ended with code 0, else a sentence.
 
-    It is ended after `timeout` seconds, which counts as a failure.
+    The sentence says that the program cannot be started, ended with another code, or was ended after `timeout`
+    seconds.
     """
     with (folder / _LOG).open("wb") as log:
         try:

@@ -16,13 +16,14 @@ def checked_sparse_matrix(
 ) -> sparse.csc_array:
     """Sparse matrix (compressed columns) of `shape` from the parts of a file, after checks of all of them.
 
-    `starts` (n_columns + 1,) is where each column begins among the row `indices` (from 0) and `values`; entries after
-    the last start are left out.
+    `starts` (n_columns + 1,) is where each column begins among the row `indices` (from 0) and `values`; entries
+    after the last start are left out.
 
     Raises
     ------
     ValueError
-        If starts do not rise from 0 to the number of entries, or a row lies outside the matrix.
+        If starts or rows are not whole numbers, there are not n_columns + 1 starts, they do not rise from 0 to at
+        most the number of entries, or a row lies outside the matrix.
     """
     starts, indices = _as_whole_numbers("column starts", starts), _as_whole_numbers("rows", indices)
     n_rows, n_columns = _checked_shape(shape)

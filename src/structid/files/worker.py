@@ -174,7 +174,11 @@ def matlab_73(path: str) -> dict[str, StoredEntry]:
 
 
 def matlab(path: str) -> dict[str, StoredEntry]:
-    """Every variable of numbers or texts of the MAT file at `path` before version 7.3, by name; sparse matrices as parts."""
+    """Every variable of numbers or texts of the MAT file at `path` before version 7.3, by name.
+
+    Fields are named ``name.field``. A sparse matrix is a dictionary of its shape, starts of columns, rows and
+    values. Other variables are left out.
+    """
     from scipy.io import loadmat
 
     variables: dict[str, StoredEntry] = {}

@@ -132,8 +132,9 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
     """Names of the degrees of freedom that move most in a null vector of `matrix`, at most six; "" if it is regular.
 
-    `matrix` (n, n) is positive semidefinite; `members` (n,) are the indices of its rows among all degrees of freedom,
-    all by default.
+    `matrix` (n, n) is positive semidefinite; `members` (n,) are the indices of its rows among all degrees of
+    freedom, all by default. If diagonal entries are 0, their rows alone are named; else those above a tenth of the
+    largest.
     """
     if not len(matrix):
         return ""

@@ -149,9 +149,10 @@ def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Seque
 
 
 def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
-    """Copy of `unknowns` with start and scale from the first problem that has each of them, and with these `priors` by name.
+    """Copy of `unknowns` with start and scale from the first problem that has each, and with `priors` (by name).
 
-    `first` gives, by name, the unknowns of the first problem and the index among them.
+    `first` gives, by name, the unknowns of the first problem and the index among them. An unknown that `priors`
+    lacks has none.
     """
     if not unknowns.names:
         return unknowns

@@ -216,7 +216,8 @@ def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Prob
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
     """Search method: matrix-free if asked for or if a dense Jacobian would be too large, else that of the options.
 
-    What rules out a matrix-free search, or ``matrix_free = False``, keeps the dense one.
+    What rules out a matrix-free search, or ``matrix_free = False``, keeps the dense one, which takes its form for
+    reduced problems if one of `problems` is reduced.
 
     Raises
     ------

@@ -168,9 +168,10 @@ class _TestSelection:
     def deviations(self, rows: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Relative standard deviations by noise and by tolerances of fixed values, (n_params,) each.
 
-        By tolerances they are those of -(J'J + P)^-1 J'J_h dh, with P the information of the priors, and 0 for
-        parameters that the test does not determine. `rows` (n_rows, n_params) is the whitened Jacobian J of the test by
-        relative changes; `cross` (n_params, n_fixed) is J'J_h, with J_h that of the fixed values.
+        By tolerances they are those of -(J'J + P)^-1 J'J_h dh, with P the information of the priors. A parameter
+        that the test does not determine has NaN by noise, and 0 by tolerances. `rows` (n_rows, n_params) is the
+        whitened Jacobian J of the test by relative changes; `cross` (n_params, n_fixed) is J'J_h, with J_h that of
+        the fixed values.
         """
         known = np.vstack([rows, self.prior])
         bread = inverse_information(known)
@@ -230,8 +231,9 @@ def _prepare_selection(
 def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of the sensors and of the loads of the most informative test, in this order, among the candidates.
 
-    The search starts from the best loads for all sensors, and from up to eight sets that begin with one of the loads of
-    most information each; the best of the results by the criterion of the options is taken.
+    There are as many as the options ask for. Exchanges start from the best loads for all sensors, and from up to
+    eight sets that each begin with one of the most informative loads; the best result by the options' criterion is
+    taken.
     """
     options, known = selection.options, selection.known
     criterion = (options.criterion, selection.of_interest)
@@ -359,10 +361,10 @@ def _smallest_sufficient(
 ) -> SmallestTest:
     """Fewest sensors, fewest lines and the factor on averages that alone let the worst deviation reach the target.
 
-    The target is the relative standard deviation of `PlanOptions.target`. Sensors and lines are added greedily; their
-    tests are None if all candidates do not suffice. The factor is that by which `chosen` needs more averages, below 1
-    if it needs fewer. `loads` are indices of candidates; `lines` (n_lines, n_rows, n_params) are roots R of the
-    information R'R of each line, with the sensors and loads of `chosen`.
+    The target is the relative standard deviation `PlanOptions.target`, which must be set. Sensors (with `loads`,
+    indices of candidates) and lines are added greedily; their tests are None if all candidates do not suffice. The
+    factor is that by which `chosen` needs more averages, below 1 if it needs fewer. `lines` (n_lines, n_rows,
+    n_params) are roots R of the information R'R of each line, with the sensors and loads of `chosen`.
     """
     target = float(selection.options.target or 0.0)
 
@@ -559,8 +561,9 @@ def _whitened_sensitivities(
 def _noise_deviation(candidates: Candidates, values: ComplexArray) -> FloatArray:
     """Standard deviation of the real (or imaginary) part of each FRF value, in the shape of `values`.
 
-    `values` is (n_lines, n_sensors, n_loads). Relative and absolute noise of the candidates are added as squares. A
-    value below 1e-9 of the largest one of its line gets that as noise.
+    `values` is (n_lines, n_sensors, n_loads). Relative and absolute noise of the candidates are added as squares,
+    and half of the variance is taken for each part. A value below 1e-9 of the largest one of its line gets at least
+    that largest one as noise.
     """
     size = np.abs(values)
     rounding = _ROUNDING * size.max(axis=(1, 2), keepdims=True)

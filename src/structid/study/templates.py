@@ -99,12 +99,13 @@ def template_with(template: type[Template], answers: Mapping[str, object]) -> Te
 
 
 def asked_value(question: TemplateQuestion, answer: str) -> float | int | str:
-    """The text `answer` as the number or text that a question asks for.
+    """The text `answer` as a float, an int or a text, whichever the default of the question is.
 
     Raises
     ------
     InputError
-        If it is not a number greater than 0, a count outside 1 to 2000, a text with quotes, or none of the choices.
+        If it is none of the choices; no number greater than 0 (float); no whole number from 1 to 2000 (int); or
+        empty or with quotes, backslashes or unprintable characters (text).
     """
     text = answer.strip()
     if question.choices and text not in question.choices:

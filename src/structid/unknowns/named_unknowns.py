@@ -88,10 +88,10 @@ class NamedUnknowns:
         return self.transforms.reach(self.start, self.sizes(self.start))
 
     def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of priors and couplings at `physical` (n_params,), (n_rows,), and derivative, (n_rows, n_params).
+        """Whitened residual (n_rows,) of priors and couplings at `physical`, and dense derivative (n_rows, n_params).
 
-        One row for each parameter with a prior, then the rows of the couplings. `physical` are the parameters in physical
-        units, and the derivative is by these.
+        One row for each parameter with a prior, then the rows of the couplings; priors on free variables are not
+        included. `physical` (n_params,) are the parameters in physical units, and the derivative is by these.
         """
         rows, residual, slope = self.priors.entries(physical)
         jacobian = np.zeros((len(rows), len(physical)))
@@ -105,10 +105,10 @@ class NamedUnknowns:
         return np.concatenate([residual, *(coupling.residual(physical) for coupling in self.couplings)])
 
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        """Whitened residual of priors and couplings at `physical`, (n_rows,), and sparse derivative (n_rows, n_params).
+        """Whitened residual (n_rows,) of priors and couplings at `physical`, and sparse derivative (n_rows, n_params).
 
-        One row for each parameter with a prior, then the rows of the couplings. `physical` (n_params,) are the
-        parameters in physical units, and the derivative is by these.
+        One row for each parameter with a prior, then the rows of the couplings; priors on free variables are not
+        included. `physical` (n_params,) are the parameters in physical units, and the derivative is by these.
         """
         rows, residual, slope = self.priors.entries(physical)
         jacobian = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))

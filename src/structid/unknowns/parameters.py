@@ -213,7 +213,8 @@ def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> P
 def redeclared(current: Parameters, structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     """The parameters of the declarations `unknowns` on `structure`, which may both have changed since `current`.
 
-    Parameters whose names stay begin where they did in `current`, and stay coupled.
+    Parameters whose names stay begin where they did in `current`, unless that is out of their range now, and stay
+    coupled.
 
     Raises
     ------

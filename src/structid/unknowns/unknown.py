@@ -482,7 +482,7 @@ def _element_centres(
     """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates); ground nodes are left out.
 
     `indices` (n_entries,) are positions among the property values, `item` (n_entries,) the index of the property of
-    each in `items`.
+    each in `items`. An element with ground nodes alone has NaN.
     """
     tables = {element.name: element.nodes for element in structure.sets}
     labels = np.array(sorted(structure.nodes), dtype=np.int64)

@@ -68,7 +68,7 @@ class UffDataset:
 
     @property
     def lines(self) -> list[str]:
-        """Lines of a text dataset, decoded; of a binary dataset 58 only those before its values."""
+        """Lines of a text dataset as UTF-8 or else Latin-1; of a binary dataset 58 only those before its values."""
         content = self.content[: self.values_at] if self.values_at else self.content
         try:
             content.decode("utf-8")

@@ -50,9 +50,10 @@ class PairedModes:
 def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
     """Modes of the model paired with the measured ones of `problem`, at its free variables `theta` (n_params,).
 
-    For each measured mode they hold the number of the model's mode (from 0), frequency (Hz), damping ratio, MAC, and
-    the largest angle (rad) between the spaces of shapes, NaN without shapes. Frequencies of visible modes between the
-    measured ones that no mode is paired with come last.
+    For each measured mode they hold the number of the model's mode (from 0), frequency (Hz), damping ratio, MAC,
+    and the largest angle (rad) between measured and computed shapes of its group of close modes, NaN without
+    shapes. Last come frequencies (Hz) of unpaired modes that the sensors see, from 3 % below the lowest measured to
+    3 % above the highest.
     """
     state = problem.model.state(problem.physical(theta))
     number = pairing(problem.data, state, problem.in_order)

@@ -318,8 +318,9 @@ def _modes_behind_the_samples(problem: RecordProblem) -> tuple[str, ...]:
 def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
     """Problem of the finite spectra of `setup` on the lines that `options` choose.
 
-    If `setup` is fitted in another way than by spectra, noise below 1e-6 of a channel's rms (declared exact) is raised
-    to that. `InputError` if a tone is not below half the sampling rate, or declared channel errors do not fit.
+    If `setup` is fitted in another way than by spectra, noise below 1e-6 of a channel's rms (declared exact) is
+    raised to that. `InputError` if a tone is not below half the sampling rate, or declared channel errors do not
+    fit.
     """
     record, settings = setup.record, setup.settings
     if (

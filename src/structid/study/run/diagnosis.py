@@ -35,6 +35,9 @@ def diagnose_study(
 ) -> tuple[StudyResult, tuple[FittedModel, ...]]:
     """The result with its diagnosis, and the refits behind its causes, in the order of the causes.
 
+    Warnings about sensors are left out of a sound result. Where the verdict is "approximate" or "wrong_model",
+    windows of averaged spectra that blur resonances are among its reasons.
+
     Parameters
     ----------
     ready : PreparedStudy

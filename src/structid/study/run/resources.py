@@ -291,7 +291,10 @@ class _Tried:
 
 
 def _start_seconds() -> float:
-    """Seconds that a new Python process takes to start and import what a run uses, as measured now."""
+    """Seconds that a new Python process takes to start and import what a run uses, as measured now.
+
+    `RuntimeError` if the process fails.
+    """
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.diagnose.verdict"
     child = start_child(python_arguments("-c", words), errors=subprocess.PIPE, has_group=False)

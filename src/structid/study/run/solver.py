@@ -72,10 +72,11 @@ def relinearize_solver(
 ) -> PreparedStudy:
     """The study with the finite differences of its solver taken about the answer, found in at most 12 rounds.
 
-    A round is a search, and runs of the solver at its answer. It is unchanged without a solver or with exact matrices.
-    Rounds end where no deck parameter moves by more than 1 % of its standard deviation or 1e-6 of its value; a warning
-    is added if the last one still does. For a solver of FRFs, moves must also lower the sum of squares with the
-    solver's own FRFs, unless there is a regularization.
+    A round is a search, and runs of the solver at its answer. The study is unchanged without a solver or with exact
+    matrices. Rounds end where no deck parameter moves by more than 1 % of its standard deviation or 1e-6 of its
+    value; a warning is added if the last one still does. For a solver of FRFs without regularization, a move must
+    also lower the sum of squares with the solver's own FRFs; where it does not, the rounds end, with a warning if
+    the move is large.
 
     Raises
     ------
@@ -253,9 +254,9 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
 
 
 def limit_to_bounds(solved: SolvedModel, name: str, value: float) -> float:
-    """The value `value` of the deck parameter `name`, limited to its bounds and to a change by half of its present value.
+    """`value` of the deck parameter `name`, limited to its bounds and to a change by half of its present value.
 
-    The present value is that in `solved`, about which differences were taken; they say little of what is farther away.
+    The present value is that in `solved`, about which differences were taken; if it is 0, only the bounds limit.
     """
     present = solved.at[name]
     low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)

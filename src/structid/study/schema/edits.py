@@ -108,15 +108,16 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
     text : str
         A TOML text.
     edits : sequence of mappings
-        ``{"set": path, "to": value}``, the value as it would be written, such as ``1.6e6`` or ``["1X"]``;
-        ``{"remove": path}``; ``{"add": path, "table": {key: value}}``, a new entry of an array of tables. Paths are lists
-        of names, and of positions (from 0) in arrays of tables. ``{"list": path}`` makes a table the first of an array of
-        tables.
+        ``{"set": path, "to": text}`` changes a key, or adds it, and its table if that is missing; ``{"remove":
+        path}``; ``{"add": path, "table": {key: text}}`` appends to an array of tables, which is begun if missing.
+        Paths are lists of names, and of positions (from 0) in arrays of tables. ``{"list": path}`` makes a table
+        the first of an array of tables. The texts are TOML values, such as ``1.6e6`` or ``["1X"]``.
 
     Raises
     ------
     InputError
-        If the text is not TOML, a text is not a TOML value, or a path leads nowhere; nothing is changed then.
+        If the text is not TOML, a text is not a TOML value, or a path leads to an entry of an array, or to
+        something to remove, that is not there; nothing is changed then.
     """
     if edits:
         _require_toml(text, "the study is no TOML as it stands")

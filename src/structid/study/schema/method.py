@@ -64,8 +64,8 @@ def method_table(options: type = IdentifyOptions) -> Table:
 def _make_options(options: type[T], values: Given, search: str | None) -> T:
     """An object of the class `options` made from `values`, from which the keys that it takes are removed.
 
-    Arguments that are dataclasses are made from `values` too. `search` is the name of the search method; None for the
-    default.
+    Arguments that are dataclasses are made from `values` too; keys that are missing keep the defaults of the class,
+    whose errors are not caught. `search` is the name of the search method; None for the default.
     """
     arguments: Given = {}
     for item in inspect.signature(options).parameters:

@@ -255,9 +255,10 @@ def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, 
 
 
 def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> list[tuple[Section, MeshPoint]]:
-    """The points of sensors and loads in ``[structure.points]``, each with its section and tied to the nearest mesh node.
+    """Points of sensors and loads in ``[structure.points]``, each with its section and tied to the nearest mesh node.
 
-    `elements` are the sets of the structure; [] without such a table. Raises `StudyError` if there is no `mesh`.
+    `elements` are the sets of the structure; coordinates that a point leaves out are 0. The list is empty without
+    such a table. `StudyError` if there is no `mesh`, or a point cannot be tied to it.
     """
     inner = section.section("points")
     if inner is None:
