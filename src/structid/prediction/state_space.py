@@ -154,31 +154,35 @@ def state_space(
     ----------
     source : Identification or IdentifiedModel
     outputs, inputs : sequence of Dof or str
+        Sensors and loads.
     band : (float, float)
         Hz: where the equations must hold.
     motion : {"displacement", "velocity", "acceleration"}
+        Quantity that the outputs read.
     order : int, optional
         Number of states; by default the fewest whose largest error in the band is at most `error`.
     error : float
         In parts of the largest FRF in the band.
     sampling_rate : float, optional
-        Equations from sample to sample, exact for loads that stay constant in between; continuous time by default.
+        Equations from sample to sample, exact for loads that stay constant in between; continuous time by default. Hz,
+        more than twice the upper end of the band.
     n_draws : int
-        Models within the uncertainty whose equations are given too.
+        Models within the uncertainty whose equations are given too, with as many states.
     seed : int
         Of those models.
 
     Returns
     -------
     StateSpace
-        Matrices a, b, c and d in SI units, the error reached, and those of the models drawn.
+        Matrices a, b, c and d in SI units, the error reached, and those of the models drawn. The error is that against
+        the FRFs with loss factors as they are.
 
     Raises
     ------
     InputError
-        If the band or the order cannot be.
+        If the band, the motion, the sampling rate or the order cannot be.
     NoAnswerError
-        If no order reaches `error`.
+        If no order reaches `error`, or the data do not determine the model.
 
     References
     ----------

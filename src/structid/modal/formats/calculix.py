@@ -66,12 +66,13 @@ def frd_modes(path: Path, text: str) -> PrintedModes:
 def read_modes_calculix(path: Path, options: ModeFileOptions) -> ModalRecord:
     """The modes of a CalculiX result file at the translations that move, largest entry 1.
 
-    Modal masses are 1 instead where `options` state units of length and force and the file has generalized masses.
+    Modal masses are 1 instead where `options` state units of length and force, which needs generalized masses in the
+    file.
 
     Raises
     ------
     FileError
-        If there are none, as in a file of buckling, or the file is cut short.
+        If there are none, as in a file of buckling, the file is cut short, or generalized masses are missing.
     """
     printed = frd_modes(path, path.read_text(encoding="latin-1"))
     if not printed.modes:

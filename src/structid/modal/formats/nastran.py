@@ -54,7 +54,8 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
     Raises
     ------
     FileError
-        If there are none, points differ from mode to mode, or the deck lacks a point.
+        If there are none, points differ from mode to mode, the deck lacks a point, a point states a system of its own
+        and no deck is named, or both units are stated but generalized masses are missing, as in any punch file.
     """
     options = options or ModeFileOptions()
     printed = nastran_modes(path, options)

@@ -203,8 +203,8 @@ def printed_record(
     """Modal record, in SI units, of printed modes at the directions that move, by rising frequency; largest entry 1.
 
     Rotations are kept where `options` state the unit of length, as their size beside translations depends on it. Where
-    they state the unit of force too and generalized masses are printed, shapes have modal mass 1. Damping ratios are
-    NaN if all eigenvalues are on the imaginary axis.
+    they state the unit of force too, shapes have modal mass 1 by the generalized masses. Damping ratios are NaN if all
+    eigenvalues are on the imaginary axis.
 
     Parameters
     ----------
@@ -222,7 +222,8 @@ def printed_record(
     Raises
     ------
     FileError
-        If points differ from mode to mode, a value is missing, or a mode does not move.
+        If points differ from mode to mode, a value is missing, a mode does not move, both units are stated but a
+        generalized mass is missing, or without `axes` a point states another system than the global one.
     """
     require_same_points(path, printed.modes)
     modes = sorted(printed.modes, key=lambda mode: mode.frequency)

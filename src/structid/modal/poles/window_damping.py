@@ -27,10 +27,10 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
     Returns
     -------
     ModalRecord
-        Frequency and damping ratio without the window, their covariance by the exact first derivatives. The standard
-        deviation of the decay rate zeta omega stays, and is large against what is left where the window did most of
-        the damping: a warning then says so. Modes without a damping ratio (NaN) keep their frequency, and rigid-body
-        modes (0 Hz) stay as they are.
+        Frequency and damping ratio without the window, their covariance by the exact first derivatives; without
+        `changes`. The standard deviation of the decay rate zeta omega stays, and is large against what is left where
+        the window did most of the damping: a warning then says so. Modes without a damping ratio (NaN) keep their
+        frequency, and rigid-body modes (0 Hz) stay as they are.
 
     Raises
     ------

@@ -141,7 +141,10 @@ def _mode(
     n_draws: int,
     rng: np.random.Generator,
 ) -> tuple[float, float, float, float]:
-    """Frequency (Hz) and its deviation, damping ratio and its deviation of one mode; NaN where its bell is too narrow.
+    """Frequency (Hz) and its deviation, damping ratio and its deviation of one mode.
+
+    All but the frequency, which is `peak` then, are NaN where the bell is too narrow or its decay too short or slow to
+    fit.
 
     Parameters
     ----------
@@ -152,12 +155,12 @@ def _mode(
     duration : float
         One over the spacing of the lines, s.
     windows : tuple of callable
-        Windows that the averages may have had: factors on the correlation at lags that are parts of `duration`. The results
-        of several are averaged, and their difference is in the deviation of the damping ratio.
+        Windows that the averages may have had: factors on the correlation at lags that are parts of `duration`. The
+        results of several are averaged, and their difference is in the deviation of the damping ratio.
     averages : float
         Number of averages behind each line.
     n_draws : int
-        Number of random spectra for the deviations; NaN without.
+        Number of random spectra for the deviations, which are NaN with 0.
     rng : numpy Generator
     """
     if len(bell.offset) < _FEWEST_LINES:
