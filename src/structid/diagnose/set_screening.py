@@ -142,9 +142,9 @@ def screen_changes(
 ) -> list[float]:
     """Misfit of each changed model after a linear step, in the order of `sized` (candidate, strength).
 
-    Infinite where there is no such model, its step fails, it cannot lower the misfit by 2 %, or there is no time for
-    it. Fixed values that are columns of `linearized` need no changed model. `name` is that of the stage in progress
-    messages. `work` and `budget` run and limit the steps.
+    Infinite where there is no such model, its step fails, there is no time for it, or a change without a parameter is
+    too small to lower the misfit by 2 %. Fixed values that are columns of `linearized` need no changed model. `name` is
+    that of the stage in progress messages. `work` and `budget` run and limit the steps.
     """
     known = {
         k: linearized.misfit_with_freed(one.where) for k, (one, _) in enumerate(sized) if _has_columns(linearized, one)
