@@ -701,10 +701,11 @@ def require_mode_count(n_modes: int) -> None:
 def followed_modes(
     structure: Structure, parameters: Parameters, points: Sequence[FloatArray], quantity: NaturalModes
 ) -> Callable[[FloatArray], Modes]:
-    """Function from physical parameters to the modes that are most like those at the first of `points`, or like the reference's.
+    """Function from physical parameters (n_params,) to the modes that are most like certain ones, in their order.
 
-    `points` are physical parameters (n_params,), the identified ones first. `quantity` has the number of modes
-    and perhaps the reference. No mode is taken twice. `InputError` if the structure has no modes.
+    The certain ones are the lowest `quantity.n_modes` modes at the first of `points` (n_params,), the identified
+    parameters, or those of the modes there that are most like `quantity.reference`. Likeness is by the mass; no mode is
+    taken twice. `InputError` if the structure has no modes.
     """
     structure.require_modes("modes")
     n_modes = quantity.n_modes if quantity.reference is None else quantity.n_modes + _MORE_MODES

@@ -261,11 +261,12 @@ def _make_record(
     shape: tuple[int, ...],
     factors: FloatArray | None,
 ) -> OnDiskRecord:
-    """The record on disk of an array of samples by channels; raises `InputError` if its shape or channels cannot be those of one.
+    """The record on disk of a stored array of samples by channels, in either order.
 
     `array` is the dataset's name in HDF5 ("" for NPY), `rate` the sampling rate in Hz, `shape` that of the stored array
-    in either order (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI.
-    `channels` and `quantities` are in the order of the array.
+    (samples are rows if both axes fit), and `factors` (n_channels,) scale to SI; None if already in SI. `channels` and
+    `quantities` are in the order of the array. Raises `InputError` if the shape does not fit, the array is empty, or a
+    channel is there twice.
     """
     count = len(channels)
     if len(shape) != 2 or count not in shape:

@@ -155,10 +155,11 @@ def count_independent_forces(structure: Structure, forces: Sequence[Dof]) -> int
 
 
 def combine_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fewest independent forces of one spectrum that do to the modes what `inputs` (n_modes, n_forces) of that spectrum do.
+    """Fewest independent forces of one spectrum that do to the modes what `inputs` of that spectrum do.
 
-    Returns the modal forces of each combination, (n_modes, n_combined), and the part of each in the forces,
-    (n_forces, n_combined). Combinations that move no mode are left out.
+    `inputs` (n_modes, n_forces) are the modal forces of unit forces. Returns the modal forces of each combination,
+    (n_modes, n_combined), and the part of each in the forces, (n_forces, n_combined). Combinations that move no mode
+    are left out; `inputs` and the identity are returned if all forces are independent.
     """
     if not inputs.size:
         return inputs, np.eye(inputs.shape[1])

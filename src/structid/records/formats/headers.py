@@ -178,7 +178,7 @@ def bare_unit(cell: str) -> str:
 
 
 def units_in_name(name: str, parse: Callable[[str], T]) -> list[tuple[str, T, bool]]:
-    """Units that occur anywhere in a header: (text, parsed unit, True if brackets show that it is meant as a unit) each.
+    """Units that occur anywhere in a header, as (text, parsed unit, True if brackets show that it is meant as a unit).
 
     The list is empty for a header of extreme length.
 

@@ -263,7 +263,11 @@ def _require_no_times(part: NamedChannels) -> None:
 
 
 def _channels_by_header(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
-    """`dofs`, those that the names of the channels of `part` state, if none is None; else `FileError` for the first that is."""
+    """Degrees of freedom of the channels of `part`, in their order, as the channels' names state them.
+
+    `dofs` are those read from the names, None where a name is no degree of freedom: the first of these raises
+    `FileError`.
+    """
     for j, dof in enumerate(dofs):
         if dof is None:
             try:

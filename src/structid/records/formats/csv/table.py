@@ -206,7 +206,11 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
 
 
 def _null_bytes_error(path: Path) -> FileError:
-    """The error for a file with null bytes: it is UTF-16 text without a mark if they stand at every other place, else no text."""
+    """The error for a file with null bytes, with the remedy.
+
+    It tells UTF-16 text without a byte-order mark if over 0.9 of the bytes at either the even or the odd places are
+    null, and less at the others; else that the file is no text.
+    """
     content = path.read_bytes()
     first, second = (content[begin::2].count(0) / (len(content) / 2) for begin in (0, 1))
     if max(first, second) > _MOSTLY and min(first, second) < 1 - _MOSTLY:
@@ -322,7 +326,10 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
 
 
 def _undated(line: str, separator: str, dated: set[int]) -> list[str]:
-    """Cells of `line`, divided by `separator`, but those at the indices `dated`; the whole line as one text if there are none."""
+    """Cells of `line`, divided by `separator` (" " for any blanks), without those at the indices `dated` (from 0).
+
+    If `dated` is empty, the whole line is returned as the only entry.
+    """
     if not dated:
         return [line]
     cells = line.split() if separator == " " else line.split(separator)

@@ -119,7 +119,10 @@ def _choose_functions(
 def _require_distinct(
     path: Path, times: Sequence[Dataset58], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
 ) -> None:
-    """Raise `FileError` if two functions `times` have the same of `channels` and of `quantities`, which are in their order."""
+    """Raise `FileError` if two of the functions `times` have the same channel and quantity.
+
+    `channels` and `quantities` are those of the functions, in their order.
+    """
     seen: dict[tuple[Dof, Quantity], Dataset58] = {}
     for function, dof, quantity in zip(times, channels, quantities, strict=True):
         other = seen.setdefault((dof, quantity), function)
