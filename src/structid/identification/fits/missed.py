@@ -65,7 +65,7 @@ def missed_parts(
 
     A part is missed if its sum of squares per value exceeds a limit (4 for modes, 1.25 for lines, more with few
     averages) and is improbable at 0.1 % for all parts together, by chi-square with as many degrees of freedom as
-    values. Empty for a single record of lines, or if the misfit of the whole is 2 or more.
+    values. Empty with fewer than two parts to test, or if the misfit of the whole is 2 or more.
 
     Parameters
     ----------
