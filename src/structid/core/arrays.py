@@ -78,10 +78,9 @@ def bin_extremes(values: FloatArray, most: int) -> tuple[FloatArray, FloatArray,
 
 
 def thin_curve(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """At most `most` points of the curve `y` over `x`, (n,) each: minimum and maximum of each bin, at its first x.
+    """At most `most` points (x, y) of a curve `y` over `x`, (n,): minimum, then maximum of each bin, at its first x.
 
-    There are `most` // 2 bins of neighbouring points. The result is x and y; a curve of no more than `most` points
-    stays as it is.
+    There are `most` // 2 bins of neighbouring points. A curve of no more than `most` points stays as it is.
     """
     if len(x) <= most:
         return x, y
@@ -90,10 +89,10 @@ def thin_curve(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, Flo
 
 
 def thin_band(x: FloatArray, low: FloatArray, high: FloatArray, most: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """At most `most` points of a band over `x`: minimum of `low` and maximum of `high` in each bin.
+    """At most `most` points (x, low, high) of a band over `x`: minimum of `low` and maximum of `high` in each bin.
 
-    `x`, `low` and `high` are (n,). A bin gives two equal points, at its first x and again there; a band of no more than
-    `most` points stays as it is. The result is x, low and high.
+    `x`, `low` and `high` are (n,). There are `most` // 2 bins of neighbouring points, and each gives the same point
+    twice, at its first x. A band of no more than `most` points stays as it is.
     """
     if len(x) <= most:
         return x, low, high

@@ -50,7 +50,8 @@ def exact(value: float, digits: int = 5) -> str:
 def with_std(value: float, std: float) -> str:
     """`value` ± `std`, the deviation with two significant digits and the value to the same place.
 
-    A dash if `value` is not finite. Where the two are more than 1e9, or 1e3, apart each has its own digits.
+    A dash if `value` is not finite; "not determined" for a deviation that is not. The value has ten significant digits
+    of its own where the deviation is below 1e-9 of it, and four where it is 0 or above 1000 times the value.
 
     Examples
     --------
@@ -152,10 +153,10 @@ def unit_text(unit: str) -> str:
 
 
 def prefixed(unit: str, *values: float) -> tuple[float, str]:
-    """A power of 1000 and the unit with its prefix (k, M, G) in which the largest of `values` has few digits.
+    """Divisor of `values` and the unit with its prefix (k, M, G), so that the largest of them has few digits.
 
-    Units of force and pressure have one if that is 1000 or more; all others have the factor 1 and no prefix. Values
-    that are not finite do not count.
+    Only units that begin with N or Pa (forces, pressures, stiffnesses and the like) get a prefix, if the largest value
+    is 1000 or more; otherwise the divisor is 1. Values that are not finite do not count.
 
     Examples
     --------

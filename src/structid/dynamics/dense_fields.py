@@ -63,8 +63,9 @@ class DenseFields:
         Parameters
         ----------
         coefficients : (n_lines, n_matrices) complex array
-            Weights at each line of the matrices of mass (s^2), viscous damping (s), stiffness (1) and structural damping (i), and
-        of the friction contacts, which may differ from line to line.
+                Weights at each line of the matrices of mass (s^2), viscous damping (s), stiffness (1) and structural
+            damping
+            (i), and of the friction contacts, which may differ from line to line.
         loads : (n_chosen,) int array
             Columns of the attribute `loads`.
         reader : (n_read, n_dofs) float array, optional
@@ -73,7 +74,7 @@ class DenseFields:
         Raises
         ------
         SingularModelError
-            If Z cannot be factorized at one of the lines.
+            If Z, the weighted sum of the matrices, cannot be factorized at one of the lines.
         """
         n_lines, n_dofs, n_loads = len(self.laplace), self.matrices.shape[1], self.loads.shape[1]
         frictions = _BASIC + np.flatnonzero(coefficients[:, _BASIC:].any(axis=0))
@@ -120,10 +121,11 @@ class DenseFields:
         return directions
 
     def _friction_forces(self, motion: ComplexArray, coefficients: ComplexArray, frictions: IntArray) -> NumberArray:
-        """Friction forces, (n_lines, n_contacts, n_loads), from the motion of the contacts without friction.
+        """Friction forces against motion, (n_lines, n_contacts, n_loads), from motion of the contacts without friction.
 
         `motion` is (n_lines, n_contacts, n_loads + n_contacts): under the loads, then under unit forces at the
-        contacts. `coefficients` weigh the matrices at each line; `frictions` are the indices of those of the contacts.
+        contacts. `coefficients` (n_lines, n_matrices) weigh the matrices at each line; `frictions` are the indices of
+        the contacts' matrices among these.
         """
         sign = np.sign(np.trace(self.matrices[frictions], axis1=1, axis2=2))
         factors = (coefficients[:, frictions] * sign)[:, :, None]
@@ -221,7 +223,11 @@ class _ModalFields:
         return fields.reshape(len(fields), -1)
 
     def _weights(self, variable: ComplexArray) -> ComplexArray:
-        """Weight of each term at values of the variable, (n, n_terms): 1 / (1 - t m) of near poles, then powers of t."""
+        """Weight of each term at values t of the `variable` (n,), (n, n_terms): those of near poles, then powers of t.
+
+        A near pole has 1 / (1 - t m) with its entry m of `inverse`; powers are those of t over its largest value, from
+        0.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             weights: ComplexArray = 1 / (1 - variable[:, None] * self.inverse[~self._far])
         if self._far.any():
@@ -304,9 +310,10 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
 
 
 def _matches_direct_solution(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:
-    """True if `fields` (n_lines, n_dofs, n_loads) differ from Z^-1 loads, solved directly, by rounding only.
+    """True if `fields` (n_lines, n_dofs, n_loads) agree with Z^-1 loads, solved directly, as well as rounding allows.
 
-    `dynamic` has the dynamic stiffness Z at each line, (n_lines, n_dofs, n_dofs). False too if Z is singular.
+    They do if the relative difference is at most 1e-10, or 30 times what changes of Z in the last digit make. `dynamic`
+    has the dynamic stiffness Z at each line, (n_lines, n_dofs, n_dofs). False too if Z is singular.
     """
     right = loads.astype(np.complex128)
     try:

@@ -161,9 +161,9 @@ def _large_modes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of the `n_modes` lowest modes.
 
-    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency, of sparse `mass` and `stiffness` (n_dofs,
-    n_dofs). If a large part of all modes is wanted, the model is solved densely after all. `strains` makes an operator B with K
-    = B'B, by which roundings of K are avoided; None, or a result of None, leaves them.
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency, of sparse `mass` and `stiffness`
+    (n_dofs, n_dofs). `strains` makes an operator B with K = B'B, by which roundings of K are avoided; None, or a result
+    of None, leaves them. A dense solver that does not use it serves where a third or more of all modes are wanted.
     """
     n_with_mass = int((mass.diagonal() > 0).sum())
     if _MOST_BY_LANCZOS * n_modes >= n_with_mass:
@@ -221,7 +221,7 @@ def _lanczos_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues omega^2 nearest to `shift`, ascending, and mass-normalized vectors (n_dofs, n_modes).
 
-    `inverse` is that of the shifted stiffness, with which missed modes are added; with None they are not, and SciPy
+    `inverse` is (K - `shift` M)^-1, with which modes that Lanczos missed are found; with None they are not, and SciPy
     factorizes. `energy` gives V'KV of a space V.
     """
     start = np.random.default_rng(0).standard_normal(mass.shape[0])
@@ -288,10 +288,10 @@ def _root(
 def _modes_of_root(
     triangle: FloatArray, mass_root: FloatArray, order: NDArray[np.intp], shift: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Circular frequencies (n_modes,) in rad/s, ascending, and mass-normalized shapes (n_dofs, n_modes) of R'R - `shift` M.
+    """Circular frequencies (n_modes,), rad/s, rising, and mass-normalized shapes (n_dofs, n_modes) of R'R - `shift` M.
 
-    `triangle` is R and `mass_root` is L with L L' = M, (n_dofs, n_dofs) each; `order` (n_dofs,) is that of the degrees of
-    freedom in both.
+    `triangle` is R (n_dofs, n_dofs), `mass_root` L (n_dofs, rank of M) with L L' = M; n_modes is that rank. `order`
+    (n_dofs,) are the degrees of freedom of the columns of R and the rows of L; rows of the shapes are in plain order.
     """
     left, singular, _ = linalg.svd(linalg.solve_triangular(triangle, mass_root, trans="T"), full_matrices=False)
     shapes = np.empty_like(left)
@@ -302,7 +302,8 @@ def _modes_of_root(
 def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray) -> FloatArray:
     """Relative rounding errors, (n_modes,), of frequencies `omega` (n_modes,) in rad/s that come from strains.
 
-    `shapes` (n_dofs, n_modes) are mass-normalized; `stiffness` (n_dofs, n_dofs) gives the size of the strains.
+    `shapes` (n_dofs, n_modes) are mass-normalized; `stiffness` (n_dofs, n_dofs) gives the size of the strains. Errors
+    of frequencies lower than the lowest that rises above its error are relative to that one; all are 0 if none does.
     """
     size = np.abs(shapes)
     strained = np.sqrt(np.einsum("ij,ij->j", size, abs(stiffness) @ size))
@@ -312,9 +313,10 @@ def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: Float
 
 
 def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
-    """Relative errors, (n_modes,), of frequencies `omega` (rad/s) by rounding of the stiffness matrix and of eigenvalues.
+    """Relative errors, (n_modes,), of frequencies `omega` (rad/s) by rounding of the stiffness and of eigenvalues.
 
-    `shapes` (n_dofs, n_modes) are mass-normalized; `error` is that of all eigenvalues omega^2, (rad/s)^2.
+    `shapes` (n_dofs, n_modes) are mass-normalized; `error` is that of all eigenvalues omega^2, (rad/s)^2. Errors of
+    frequencies lower than the lowest that rises above its error are relative to that one; all are 0 if none does.
     """
     size = np.abs(shapes)
     errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)

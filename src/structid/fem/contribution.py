@@ -300,7 +300,11 @@ class WeighedEntries(NamedTuple):
 
 
 def weighed_entries(contributions: Sequence[Contribution], kinds: Sequence[str], n_dofs: int) -> WeighedEntries:
-    """Entries of all element matrices of `contributions`, all of one of the `kinds` of matrices, in their order."""
+    """Entries (row, column, element, value) of all element matrices of `contributions`, one contribution after another.
+
+    Matrices stand side by side: the k-th of `kinds` has the columns from k `n_dofs` on. Elements are counted from 0
+    through all contributions. Raises `ValueError` if a contribution's matrix is none of `kinds`.
+    """
     entries_of = {id(part.blocks): part.blocks.entries() for part in contributions}
     none: IntArray = np.zeros(0, dtype=np.int64)
     pieces, first = [WeighedEntries(none, none, none, np.zeros(0))], 0
@@ -446,10 +450,10 @@ def _factor_of(
     matrix_term: ElementMatrixTerm,
     length_dependences: Mapping[str, LengthDependence],
 ) -> Factor | None:
-    """The factor on the weights of element matrices that depends on length, shear, powers of values or thickness.
+    """Factor on the weights of element matrices by lengths, shear, powers of values or thickness; None stands for 1.
 
-    Only the first of these that applies counts; None stands for 1. `matrix_term` are the matrices of the set called
-    `element`; `length_dependences` are by set.
+    Only the first of these that applies counts. `properties` are all of the structure, `matrix_term` has matrices of
+    the set called `element`, and `length_dependences` are by name of the set.
     """
     if matrix_term.length_power:
         return LengthFactor(length_dependences[element], matrix_term.length_power)

@@ -417,8 +417,8 @@ class Structure(Shown, StructurePlots):
     def release_supports(self, bases: tuple[Base, ...]) -> Structure:
         """The structure with the supports of `bases` released and those of each base tied to its first.
 
-        It is cached. A base is a set of supports that one motion drives. Components that hold such supports keep them
-        on their interface.
+        It is cached, and has no bases of its own. A base is a set of supports that one motion drives. Components that
+        hold such supports keep them on their interface.
 
         Raises
         ------

@@ -198,11 +198,15 @@ def element(cls: type[E]) -> type[E]:
 
 
 def _with_known_arguments(kind: type[ElementSet], init: Callable[..., None]) -> Callable[..., None]:
-    """`init` of an element type `kind`, with an `InputError` where arguments have unknown names or are missing or too many."""
+    """Wrapper of `init`, the initializer of the element type `kind`, whose `InputError` explains wrong arguments.
+
+    It is raised where a name is unknown, or arguments are missing or too many, in place of Python's `TypeError`.
+    """
     signature = inspect.signature(init)
 
     @functools.wraps(init)
     def checked(*positional: object, **named: object) -> None:
+        """Call `init` with these arguments; `InputError` that names all arguments of the type if they do not fit."""
         try:
             signature.bind(*positional, **named)
         except TypeError as error:
@@ -214,10 +218,11 @@ def _with_known_arguments(kind: type[ElementSet], init: Callable[..., None]) -> 
 
 
 def _wrong_arguments(kind: type[ElementSet], names: Sequence[str], named: Iterable[str], trouble: str) -> str:
-    """Message on a call of an element type with wrong arguments: which one is meant, where one is alike, and all `names`.
+    """Message on a call of the element type `kind` with wrong arguments: the wrong one, the one meant, and all `names`.
 
-    `named` are those that were given by name; `trouble` are Python's words, for a call in which no name is wrong. An argument is
-    alike if its name is, or if its description begins with what was written, as that of the bending stiffness does with ``EI``.
+    `named` are the names that the call used. Meant is the argument whose description begins with the wrong name, as
+    that of the bending stiffness does with ``EI``, or else one of similar spelling, if any. `trouble`, Python's words,
+    takes the place of both where all names are known.
     """
     every = f"the arguments of {kind.__name__} are {', '.join(names)}"
     wrong = next((name for name in named if name not in names), None)

@@ -97,7 +97,8 @@ class SolverModel(ElementSet):
         """The model's parameters, factors and loss factor, in this order, as properties with matrices to multiply.
 
         A part of a matrix that depends on parameters is multiplied by the first of them, relative to its reference; the
-        other powers are factors on its weight. The arguments have no influence.
+        other powers are factors on its weight. Factors that multiply nothing are left out; in a model with `own_modes`
+        all but the loss factor are of kind "parameter". The arguments have no influence.
         """
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])

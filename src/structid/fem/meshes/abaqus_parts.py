@@ -557,9 +557,9 @@ def _tie_near_nodes(
 ) -> tuple[list[RigidLink | Constraint], int, float]:
     """Constraints of the nodes that lie near a surface, the number of those that do not, and the limit, m.
 
-    `followers` are the nodes, `carriers` is the surface; nodes of that surface itself are passed over. Near is the
-    POSITION TOLERANCE of the block, or 5 % of the mean side of the faces. Raises `ValueError` if nodes have directions
-    of their own.
+    `followers` are the nodes; nodes of the surface `carriers` itself are passed over. Near is the POSITION TOLERANCE of
+    the `block`, or 5 % of the mean side of the faces. Rotations of nodes that have some are tied too, unless it says NO
+    ROTATION. Raises `ValueError` if a tied node, or one of its face, has directions of its own.
     """
     from scipy.spatial import cKDTree
 

@@ -163,7 +163,10 @@ class DeckPart:
 
     @property
     def nodes(self) -> frozenset[int]:
-        """Labels of the nodes on which the masses, springs and ties of the part act; without cells at offsets."""
+        """Labels of the nodes on which the masses, springs and ties of the part act.
+
+        Nodes of cells to which the part gives an offset do not count.
+        """
         nodes = {mass.node for mass in self.masses}
         nodes |= {node for spring in self.springs for node, _ in spring.weights}
         for tie in self.ties:

@@ -163,9 +163,10 @@ class Mesh:
         return unique
 
     def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
-        """Labels of the nodes with coordinates in m in `ranges`, such as {"x": (0.0, 0.0)}, in the order of the mesh.
+        """Labels of the nodes with coordinates (m) in all of `ranges`, such as {"x": (0.0, 0.0)}, in the mesh's order.
 
-        Ends count within a millionth of the mesh's size. Nodes at the ends of offsets are left out.
+        Keys are "x", "y" and "z"; both ends count, widened by a millionth of the mesh's size. Nodes at the ends of
+        offsets are left out. Empty if there is none.
         """
         is_inside = ~np.isin(self.labels, list(self.carriers))
         slack = 1e-6 * float(np.ptp(self.positions, axis=0).max())
@@ -267,17 +268,17 @@ def require_sound(
     drop_orphans : bool
         True if nodes without a cell are left out instead of refused.
     duplicates : {"refuse", "merge", "keep"}
-        Treatment of nodes with one position: ``keep`` is for cracks and joints, where the parts are meant to move
-        apart.
+        Treatment of nodes with one position: an error, the lower label for both, or as they are, for cracks and joints,
+        where the parts are meant to move apart.
     take : "all" or kinds
         Kinds of parts beside the cells that are taken: their nodes belong to them, and nodes at one place that one of
-        them joins stay apart.
+        them joins stay apart. Only offsets of these kinds move cells.
 
     Raises
     ------
     InputError
-        If nodes repeat, lie at one place or belong to no cell, cells name a node that is not there, a kind in `take` is
-        not in the deck or has no element, or a cell has two offsets.
+        If a label stands twice, nodes lie at one place (``refuse``) or belong to no cell (unless `drop_orphans`), cells
+        name a node that is not there, a kind in `take` is not in the deck or has no element, or a cell has two offsets.
     """
     parts = choose_parts(mesh.parts, take, mesh.source)
     mesh = _add_reference_points(mesh, parts)

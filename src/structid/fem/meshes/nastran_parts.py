@@ -675,10 +675,11 @@ def _node_list(fields: Sequence[str]) -> list[int]:
 
 
 def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
-    """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control.
+    """Parts of the MPC cards of the set that case control names, itself or as an MPCADD, or of the only set there is.
 
-    [] if there are no MPC cards; a part with an obstacle if it is not clear which set is meant. `case_control` is the
-    text above the bulk data.
+    One part of all cards that can be taken and one for each obstacle; a single part with an obstacle where case control
+    (text with CEND) names no set, or it is not clear which is meant; [] without MPC cards. `case_control` is the text
+    above the bulk data.
     """
     if "MPC" not in deck.cards:
         return []

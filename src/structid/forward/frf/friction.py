@@ -38,10 +38,11 @@ class Contact:
 def sliding_contacts(
     structure: Structure, matrix_kinds: tuple[str, ...], record: FrfRecord, measured: set[str]
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
-    """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion.
+    """Contacts of the friction elements in harmonic balance, and columns (n_dofs, n_contacts) of their sliding motion.
 
-    `matrix_kinds` name the matrices of the model. Elements named in `measured`, whose sliding was measured, are left
-    out. Raises `InputError` if there is such an element and the record has several loads.
+    A contact has the index of its matrix in `matrix_kinds` and that of its force among the property values. Elements
+    named in `measured` are left out: their sliding was measured. Raises `InputError` if any is left and the record has
+    several loads.
     """
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:

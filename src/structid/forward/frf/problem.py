@@ -584,9 +584,9 @@ def frequency_continuation(
 ) -> FrfSchedule:
     """Stages, for poor starts, with more and more lines from the lowest on, as (name, problem).
 
-    The last stage has all lines, without prior, by the bounded residual. Below the first resonance an FRF changes
-    smoothly with every parameter, and each added line leads to the next resonance. A Gaussian prior determines what few
-    lines leave open. Empty for the form ``equation`` or if a value is 0.
+    The last stage has all lines, without the prior of the others, by the bounded residual. Below the first resonance an
+    FRF changes smoothly with every parameter, and each added line leads to the next resonance. A Gaussian prior
+    determines what few lines leave open. Empty for the form ``equation`` or if a value is 0.
 
     Parameters
     ----------
@@ -597,7 +597,7 @@ def frequency_continuation(
     start_error : float
         Standard deviation of the prior, in the logarithm; for damping at least 1.
     stage_error : float
-        Error of each value while lines are added, as a part of its magnitude.
+        Error of each value while lines are added, as a part of its magnitude; the problem's model error if larger.
 
     Returns
     -------

@@ -248,9 +248,9 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     """Index of the model mode for each measured mode, (n_measured,), by shape and frequency, or in order of frequency.
 
     By shape the sum over pairs of MAC, lowered by the distance in frequency, is maximized; modes without a known shape
-    entry are paired by frequency alone. With `in_order` modes are paired in order of frequency, model modes that hardly
-    move a sensor (1 % of the largest motion or less) passed over if enough others are left. Raises `InputError` if the
-    model has too few modes that move the sensors.
+    entry are paired by frequency alone. With `in_order` modes are paired in order of frequency, the lowest first; model
+    modes that hardly move a sensor (1 % of the largest motion or less) are passed over if enough others are left and
+    some measured shape is known. Raises `InputError` if the model has too few modes that move the sensors.
     """
     use, motion, is_bare = _visible_modes(data, state)
     if len(use) < len(data.measured):

@@ -173,9 +173,10 @@ class ModalProblem(RecordProblem):
     def schedules(self) -> Sequence[Schedule]:
         """Sequences of search stages (name, problem) to be tried in turn: none, modes in order, dynamic residual.
 
-        Pairing by order of frequency, with shapes hardly counting, helps if two modes have yet to cross, but no mode
-        may be missed; it is left out if the sensors cannot separate modes with such errors. The dynamic residual needs
-        no pairing; it is left out above 600 degrees of freedom, without shapes and with channel errors.
+        The latter two draw parameters to their start. Pairing by order of frequency, with shapes hardly counting, helps
+        if two modes have yet to cross, but no mode may be missed; it is left out if the sensors cannot separate modes
+        with such errors. The dynamic residual needs no pairing; it is left out above 600 degrees of freedom, without
+        shapes and with channel errors.
         """
         near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
         frequency, shape = _ORDER_ERRORS

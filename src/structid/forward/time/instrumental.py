@@ -274,8 +274,9 @@ def identified_by_instruments(
 ) -> Estimate:
     """Estimate by refined instrumental variables, from few samples first and then from more and more.
 
-    Starting points are tried until one fits the noise; otherwise the one that converged with the least chi-square
-    counts. `work` may store the iterations. Raises `InputError` if the record or the model does not suit the method.
+    Starting points are tried until one fits the noise; otherwise the end with the least chi-square counts, of those
+    that converged if any did. `work` may store the iterations. Raises `InputError` if the record or the model does not
+    suit the method.
     """
     fit = instrumental_fit(structure, unknown, record, options)
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))

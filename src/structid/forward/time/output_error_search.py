@@ -226,10 +226,10 @@ def _rounds(
 ) -> Iterator[list[_Start]]:
     """Yield starting points of the search in rounds, each made when all before have failed.
 
-    First linear fits, the initial values and the weak form (with driven supports the initial values alone); then two
-    random points at a time, about 5 % from where the best search ended and about 20 % from one of the first starts.
-    After the first pair come starts by posterior linearization. `path_ends` holds the results of all searches so far,
-    `sizes` the numbers of samples of the stages.
+    First linear fits, the initial values and the weak form (with driven supports the initial values alone); then
+    `options.restarts` random points, two at a time: about 5 % from where the best search ended, and about 20 % from one
+    of the first starts. After the first pair come starts by posterior linearization. `path_ends` holds the results of
+    all searches so far, `sizes` the numbers of samples of the stages.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -288,8 +288,8 @@ def _confirmed(
 ) -> tuple[FloatArray, int]:
     """Free variables of the better of `theta` and an answer near it by posterior linearization, and the iterations.
 
-    The other answer counts if its sum of squares is less by more than 1. `sizes` are the numbers of samples of the
-    stages. `theta` is (n_params,), and so is the result.
+    The other answer is better if its search passes all stages and its sum of squares is less by more than 1. `sizes`
+    are the numbers of samples of the stages. `theta` is (n_params,), and so is the result.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)

@@ -120,8 +120,8 @@ class WeakForm:
     def rows(self, values: FloatArray) -> WhitenedRows:
         """Weak-form equations weighted by their noise covariance at `values` (n_params,), and their instruments.
 
-        Instruments are free of the noise of the rows. The instruments are the regressors less the noise that the
-        weighted residual lets expect in them.
+        The instruments are the regressors less the noise that the residual at `values`, weighted, lets expect in them:
+        so they are free of the noise of the rows.
 
         Raises
         ------

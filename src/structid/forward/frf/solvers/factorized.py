@@ -337,10 +337,10 @@ def sweep_error(
     loads: IntArray,
     forces: tuple[ParameterForces, ComplexArray],
 ) -> ErrorOf:
-    """Function (line, exact, approximate) for the error of fields from a reduced basis over the allowed error.
+    """Function (line, exact, approximate) for the error of fields from a reduced basis, in parts of the allowed error.
 
-    At most 1 is good enough. Readings may be off by `tolerance` of the largest in their line, derivatives by ten times
-    that in root mean square over parameters.
+    Above 1 they are not good enough. Readings may be off by `tolerance` of the largest in their line, derivatives by
+    ten times that in root mean square over parameters; the worse of the two counts.
 
     Parameters
     ----------
@@ -405,10 +405,10 @@ class LastSweep:
         return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """Reduced sweep of `key`, cached or made by `begun`, with a basis that grows until `error_of` gives at most 1.
+        """Reduced sweep of `key`, cached or made by `begun`, whose basis has grown until `error_of` gives at most 0.3.
 
-        None if that would cost too much. The two last sweeps are cached; `key` is the bytes of the parameters and
-        coefficients.
+        That is for the line with the largest residual; 1 is the allowed error. None if it would cost too much. The two
+        last sweeps are cached; `key` is the bytes of the parameters and coefficients.
         """
         sweep = self._sweeps.pop(key, None)
         if sweep is None:
