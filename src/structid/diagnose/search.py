@@ -710,14 +710,16 @@ def requested_changes(base: FittedModel, work: TaskExecutor = SERIAL) -> Explana
 def _weighed(base: FittedModel, fits: Sequence[FittedModel], tried: int) -> Explanation:
     """`Explanation` by the full fits of changes: causes among them, and the likely ones, sorted by criterion.
 
-    In this order a kind of change that resembles a simpler one is set back by its `handicap`. Of fits at one position
+    Changes that leave no more than noise come first: their sums of squares have fixed values where the model has them,
+    those of the others may have them freed. In this order a kind of change that resembles a simpler one is set back by its `handicap`. Of fits at one position
     only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the likely ones have a
     criterion less than 6 above the lowest, that of `base` included.
     """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]
     priced = sorted(
-        ((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + pair[0].cause.handicap
+        ((one, _criterion(base, one, scale)) for one in fits),
+        key=lambda pair: (pair[0].is_misfit, pair[1] + pair[0].cause.handicap),
     )
     best = {one.cause.place: one for one, _ in reversed(priced)}
     priced = [(one, criterion) for one, criterion in priced if one in best.values()]
