@@ -262,6 +262,40 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
 
 
 @pytest.mark.long
+def test_what_is_said_of_a_file_before_there_is_a_study_is_said_for_good(page, tmp_path):
+    head = ";".join(f"A{k}/F1 [g/N] {part}" for k in (1, 2) for part in ("Real", "Imag"))
+    rows = "".join(f"{5 + k};{0.1 + k};0.1;{0.2 + k};0.2\n" for k in range(40)).replace(".", ",")
+    (tmp_path / "lab.csv").write_text(f"Portal\nFrequenz [Hz];{head}\n{rows}", encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#start")
+        look = page.get_by_role("button", name="What is it? lab.csv")
+        look.click()
+        lab = page.locator("[data-record='lab.csv']")
+        lab.get_by_text("Filled in as the message proposes: skip rows.").wait_for()
+        lab.get_by_role("button", name="Read it so").click()
+        lab.get_by_text("in this order, by outputs below").wait_for()
+        lab.get_by_text("What A1, A2 are, in this order, as in 12Z+.").wait_for()
+        lab.get_by_label("outputs").fill("2Y, 3Y")
+        lab.get_by_label("inputs").fill("3Y")
+        lab.get_by_role("button", name="Read it so").click()
+        lab.get_by_text("Open a study above to use this record in it.").wait_for()
+        page.get_by_label("Template", exact=True).select_option("beam")
+        page.get_by_role("button", name="Make the study").click()
+        page.wait_for_selector("[data-step=structure]")
+        step(page, "Start")
+        look.click()
+        page.get_by_role("button", name="Use in beam.toml").click()
+        page.get_by_text("lab.csv is now the record of beam.toml").wait_for()
+        record = tomllib.loads((tmp_path / "beam.toml").read_text(encoding="utf-8"))["record"]
+        assert record == {"path": "lab.csv", "outputs": ["2Y", "3Y"], "inputs": ["3Y"], "csv": {"skip_rows": 1}}
+        step(page, "Records")
+        channels = page.locator("summary", has_text="Channels:")
+        page.get_by_text("Channels: 2Y+ / 3Y+ of 2 shown").wait_for()
+        page.get_by_label("3Y+ / 3Y+").check()
+        assert channels.inner_text() == "Channels: 2 of 2 shown"
+
+
+@pytest.mark.long
 def test_a_run_of_many_stages_is_drawn_large_and_the_step_is_seen_on_a_narrow_page(page, screens, tmp_path):
     study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
     assert study.is_file()

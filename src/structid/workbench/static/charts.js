@@ -1,5 +1,5 @@
 // Charts by Plotly, loaded when the first one is shown; colours follow light and dark.
-import {checkbox, h} from "./dom.js";
+import {checkbox, fill, h} from "./dom.js";
 
 let library = null;
 
@@ -85,10 +85,17 @@ export async function chart(place, traces, layout, settings = {}) {
 
 // Checkboxes of the channels that a chart shows; `shown` is the set of their numbers.
 export function channelList(names, shown, changed) {
+  const summary = h("summary");
+  // A chart of one channel has no legend: the words above it name the channel.
+  const say = () => {
+    const which = shown.size === 1 ? names[[...shown][0]] : shown.size;
+    fill(summary, `Channels: ${which} of ${names.length} shown`);
+  };
+  say();
   return h(
     "details",
     {open: names.length <= 8},
-    h("summary", {}, `Channels (${names.length})`),
+    summary,
     h(
       "div",
       {class: "row"},
@@ -97,6 +104,7 @@ export function channelList(names, shown, changed) {
           shown.has(k),
           (isOn) => {
             shown[isOn ? "add" : "delete"](k);
+            say();
             if (shown.size) {
               changed();
             }

@@ -78,12 +78,17 @@ export function readingFields(app, path, given, failed = "") {
       .map(([, name, value]) => [name, value])
       .filter(([name]) => DETERMINED.includes(name)),
   );
+  // Names of a table that the words list by what they are of: their fields ask for what these are.
+  const listed = Object.fromEntries(
+    [...failed.matchAll(/\b(outputs|inputs): ([^;()]+)/g)].map((match) => match.slice(1)),
+  );
   const rows = (isTable ? [...layout, ...rest] : rest).map((one) => {
     const stated = one.within ? given[one.within]?.[one.name] : given[one.name],
       value = [proposed[one.name] ?? stated ?? ""].flat().join(", "),
       name = one.name;
     return {
       ...one,
+      words: listed[name] ? `What ${listed[name]} are, in this order, as in 12Z+.` : one.words,
       input: one.choices.length
         ? h("select", {name}, options(one.choices, value || one.default))
         : h("input", {

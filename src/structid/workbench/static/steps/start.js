@@ -421,8 +421,21 @@ function drop(app) {
 
 const written = (value) => (Array.isArray(value) ? `[${value.map(written).join(", ")}]` : JSON.stringify(value));
 
+// Words of an error on a file, where fields below ask for what the study or the command line would say.
+const saidHere = (words) =>
+  words
+    .replaceAll(" in [record.csv]", "")
+    .replace(/ in the study, beside `path`, or in ReadOptions \([^()]* on the command line\)/g, " below");
+
+// What the reader has said of files, by path, as long as no study says it: a file is often looked at before there is one.
+const saidOf = new Map();
+
 export async function understood(app, path, place, own = null) {
-  const given = own || givenOptions(app, path);
+  if (own) {
+    saidOf.set(path, own);
+  }
+  const ofStudy = givenOptions(app, path),
+    given = own || (Object.keys(ofStudy).length ? ofStudy : saidOf.get(path) || {});
   let found = null,
     failed = "";
   try {
@@ -450,9 +463,7 @@ export async function understood(app, path, place, own = null) {
   const seen = /\.(csv|txt|tsv)$/i.test(path) ? preview(path, mapping, given.csv ?? {}) : null;
   fill(
     place,
-    failed
-      ? h("div", {class: "card doubt"}, h("p", {}, marked(failed.replaceAll(" in [record.csv]", ""))))
-      : facts(found),
+    failed ? h("div", {class: "card doubt"}, h("p", {}, marked(saidHere(failed)))) : facts(found),
     h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), seen, mapping),
     found && app.study
       ? use(app, path, found, given)
