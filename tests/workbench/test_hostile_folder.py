@@ -106,6 +106,12 @@ def test_a_list_knows_tables_of_numbers_and_of_modes(tmp_path):
     assert is_modes_table(path)
     path.write_text("time,1X+\n0,1\n", encoding="utf-8")
     assert not is_modes_table(path)
+    for head in (
+        "Frequency [foo],damping [%],1X",
+        "Frequency [Hz],damping [foo],1X",
+    ):  # one file must not hide a folder
+        path.write_text(f"{head}\n1,2,3\n", encoding="utf-8")
+        assert not is_modes_table(path)
 
 
 def test_keys_of_many_parts_are_refused_before_they_take_memory():

@@ -711,9 +711,9 @@ def _weighed(base: FittedModel, fits: Sequence[FittedModel], tried: int) -> Expl
     """`Explanation` by the full fits of changes: causes among them, and the likely ones, sorted by criterion.
 
     Changes that leave no more than noise come first: their sums of squares have fixed values where the model has them,
-    those of the others may have them freed. In this order a kind of change that resembles a simpler one is set back by its `handicap`. Of fits at one position
-    only the best counts. Causes lower the misfit beyond chance among the `tried` changes; the likely ones have a
-    criterion less than 6 above the lowest, that of `base` included.
+    those of the others may have them freed. In this order a kind of change that resembles a simpler one is set back by
+    its `handicap`. Of fits at one position only the best counts. Causes lower the misfit beyond chance among the `tried`
+    changes; the likely ones have a criterion less than 6 above the lowest, that of `base` included.
     """
     scale = _scale(base, fits)
     fits = [one for one in fits if not _is_no_cause_of_its_own(base, one, fits, scale)]

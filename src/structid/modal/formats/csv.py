@@ -190,8 +190,16 @@ def _word_or_cell(cell: str) -> str:
 def is_modes_table(path: Path) -> bool:
     """True if the first line or first column of a table names frequencies beside damping ratios or channels.
 
-    False also if the file cannot be read.
+    False also if the file cannot be read, or states a unit that is none of these.
     """
+    try:
+        return _names_modes(path)
+    except InputError:
+        return False
+
+
+def _names_modes(path: Path) -> bool:
+    """As `is_modes_table`, with an `InputError` for a unit that is none of a frequency or a damping ratio."""
     try:
         head = read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
     except OSError:
