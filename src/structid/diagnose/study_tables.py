@@ -76,8 +76,9 @@ def release(table: Tables, dof: Dof) -> bool:
 def rename_channels(record: Tables, changes: dict[str, str]) -> None:
     """Give channels of a record other names in its ``relabel`` table, which may rename them already; changed in place.
 
-    `changes` maps present names, such as ``3X`` or ``load 3X``, to new ones. Of a channel that the table renames
-    already, the entry gets the new name with the product of both signs.
+    `changes` maps present names, such as ``3X`` or for a load ``load 3X``, to new ones, which are without ``load``; one
+    such as ``5X-`` reverses the sign. Of a channel that the table renames already, the entry gets the new name with the
+    product of both signs.
     """
     given = record.setdefault("relabel", {})
     called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}

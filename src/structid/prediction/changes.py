@@ -278,7 +278,8 @@ def _require_mass_at_most(
 ) -> None:
     """Raise `InputError` if `mass`, kg, is more than `most` times that of the structure; `name` is the argument.
 
-    Any mass passes where the structure has none. `remedy` ends the message.
+    The structure's mass is that at the start values of `parameters`; where it is 0 any mass passes. `remedy` ends the
+    message.
     """
     whole = structure.mass_of(parameters.values(parameters.start))
     if mass > most * whole > 0:

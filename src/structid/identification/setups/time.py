@@ -281,8 +281,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
         """Problem of averaged FRFs that only shows the fit, with the channel errors `channels` that concern these FRFs.
 
-        `channels` is None where the record has no channel errors. Without a variance of the FRFs a model error of 10 %
-        weighs them.
+        `options` choose its lines and kind of residual. `channels` is None where the record has no channel errors.
+        Without a variance of the FRFs a model error of 10 % weighs them.
         """
         used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0

@@ -300,10 +300,11 @@ class ReducedSegment(TypedDict):
 
 
 def reduced_segment(task_data: MotionTaskData, item: Segment, tools: TaskContext) -> ReducedSegment:
-    """Sums of the least-squares problem over one segment of a record, as a task for workers.
+    """Sums of the least-squares problem over one segment of a record, as a task for workers; `tools` is not used.
 
-    `item` is (record number, first sample, sample after the last), from 0. The result has ``triangles`` (the triangular
-    factors) and ``energy`` (the sum of squares) of the reduced rows, and the counts ``n_rows`` and ``n_samples``.
+    `item` is (record number, first sample, sample after the last), from 0. In the result, ``triangles`` are the
+    triangular factors of ``n_rows`` rows; ``energy`` (4 n_dofs,) has sums of squares over ``n_samples``: acceleration,
+    velocity, displacement, force, as upper bounds where one of them comes from several channels.
     """
     number, first, last = item
     fit = task_data.start
@@ -371,9 +372,10 @@ def reduced_on(
 def reduced_alone(
     fit: RecursiveMotionFit, task_data: MotionTaskData, checkpoint: Path | None = None, progress: Progress | None = None
 ) -> RecursiveMotionFit:
-    """The fit `fit` extended by all remaining samples of the records, reduced in this process one chunk after the other.
+    """The fit `fit` extended by all samples of the records behind its own, reduced in this process, chunk after chunk.
 
-    `checkpoint` is a file that keeps the fit; `progress` is called with the number of samples done and their total.
+    The fit is saved in the file `checkpoint` now and then and at any end, exceptions included; nothing is read from it.
+    `progress` is called with the number of samples done, of all records, and their total.
     """
     ends = list(accumulate(record.n_times for record in task_data.records))
 

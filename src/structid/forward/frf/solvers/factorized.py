@@ -422,7 +422,8 @@ class LastSweep:
     def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
         """Readings of `sensors` (n_dofs, n_sensors) in `sweep` under all load columns, (n_lines, n_sensors, n_columns).
 
-        They are cached by `key`, the bytes of the parameters and coefficients; the oldest of more than 40 are dropped.
+        They are always computed, and stored in `readings` by `key`, the bytes of the parameters and coefficients, where
+        the caller looks first; of more than 40 the oldest is dropped.
         """
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]

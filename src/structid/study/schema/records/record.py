@@ -246,7 +246,10 @@ def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 
 
 def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
-    """Faults of single channels of time histories: dead, constant, clipped, with drop-outs or spikes; () for FRFs."""
+    """Faults of single channels of time histories: dead, constant, clipped, with drop-outs, spikes or double hits.
+
+    They come by record and channel; other findings on channels, as of an unusual level, and FRFs are left out.
+    """
     histories = [record for record in records if isinstance(record, TimeRecord)]
     if not histories:
         return ()
