@@ -7,7 +7,7 @@ import pytest
 
 import structid as sid
 from structid.core.dof import parse_dof
-from structid.fem.measuring_points import together, with_joint_forces
+from structid.fem.measuring_points import joint_weights, with_joint_forces
 from structid.forward import ResponseCache
 from structid.identification.options import IdentifyOptions
 from structid.records import TimeRecord
@@ -56,13 +56,13 @@ def test_series_that_are_never_apart_are_made_of_fewer():
     rng = np.random.default_rng(1)
     two = rng.standard_normal((500, 2))
     mixing = np.array([[1.0, 2.0, 0.0], [1e4, 0.0, -3e4]])
-    parts = together(two @ mixing)
+    parts = joint_weights(two @ mixing)
     assert parts.shape == (3, 2)
     assert parts.T @ parts == pytest.approx(np.eye(2), abs=1e-12)
     values = two @ mixing
     assert values @ parts @ parts.T == pytest.approx(values, abs=1e-9 * np.abs(values).max())
-    assert together(rng.standard_normal((500, 3))) is None
-    assert together(two[:, :1]) is None
+    assert joint_weights(rng.standard_normal((500, 3))) is None
+    assert joint_weights(two[:, :1]) is None
 
 
 def test_the_response_to_a_joint_force_is_that_to_its_parts():
