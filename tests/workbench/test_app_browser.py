@@ -839,7 +839,9 @@ def test_averages_and_a_finer_mesh_are_taken_by_a_click(page, screens, tmp_path)
     study.write_text(f'{model}\n[record]\npath = "shaken.csv"\n', encoding="utf-8")
     with served(tmp_path) as bench:
         page.goto(bench.address + "#structure/beam.toml")
-        page.locator("#checked").get_by_text("told once the study says what you look for").wait_for()
+        page.locator("#checked").get_by_text(
+            "Say what you look for, and this page shows what the record can determine"
+        ).wait_for()
         write_by_hand(page, study, study.read_text("utf-8") + "\n" + unknowns)
         page.get_by_label("averages of each FRF").fill("1")
         page.get_by_role("button", name="Take the noise from coherence").click()
