@@ -34,6 +34,7 @@ from structid.fem.meshes.deck_parts import (
     split_by_obstacle,
     turned_matrix,
     weights_along,
+    weights_between,
 )
 from structid.fem.supports import Constraint, RigidLink
 
@@ -325,13 +326,8 @@ def _spring_weights(
     components = [int(word) - 1 for word in row if word][: len(nodes)]
     if len(components) < len(nodes):
         raise ValueError(f"{kind} needs {len(nodes)} degrees of freedom")
-    is_rotation = any(component > 2 for component in components)
-    weights: dict[tuple[int, str], float] = {}
-    for node, component, sign in zip(nodes, components, (1.0, -1.0), strict=False):
-        axis = deck.axes.get(node, np.eye(3))[component % 3]
-        factor = sign * deck.units.displacement(component > 2, is_rotation)
-        for key, weight in weights_along(node, axis, component > 2, factor).items():
-            weights[key] = weights.get(key, 0.0) + weight
+    ends = zip(nodes, components, (1.0, -1.0), strict=False)
+    weights, is_rotation = weights_between(ends, lambda node: deck.axes.get(node, np.eye(3)), deck.units)
     return weights, "", is_rotation
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -341,6 +341,25 @@ def weights_along(
         for direction, part in zip(directions, vector, strict=True)
         if abs(part) > _ROUNDING
     }
+
+
+def weights_between(
+    ends: Iterable[tuple[int, int, float]], axes_at: Callable[[int], FloatArray], units: DeckUnits
+) -> tuple[dict[tuple[int, str], float], bool]:
+    """Weights {(node, direction): weight} of the displacements that a spring or dashpot acts on, and True if rotational.
+
+    `ends` are (node, component from 0, sign); components from 3 on are rotations, and one of them makes the spring
+    rotational, so that translations beside it are divided by a length in m. `axes_at` gives a node's directions of
+    motion as rows (3, 3). Weights of one direction add up.
+    """
+    ends = tuple(ends)
+    is_rotation = any(component > 2 for _, component, _ in ends)
+    weights: dict[tuple[int, str], float] = {}
+    for node, component, sign in ends:
+        factor = sign * units.displacement(component > 2, is_rotation)
+        for key, weight in weights_along(node, axes_at(node)[component % 3], component > 2, factor).items():
+            weights[key] = weights.get(key, 0.0) + weight
+    return weights, is_rotation
 
 
 def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:

@@ -32,6 +32,7 @@ from structid.fem.meshes.deck_parts import (
     split_by_obstacle,
     turned_matrix,
     weights_along,
+    weights_between,
 )
 from structid.fem.meshes.nastran_systems import BulkSystems
 from structid.fem.supports import Constraint, RigidLink
@@ -363,13 +364,8 @@ def _read_scalar_spring(
     ends = [(sign, node, component) for sign, node, component in both if node]
     if any(node not in deck.positions or component in ("", "0") for _, node, component in ends):
         return _SCALAR, DeckPart(name, 1)
-    components = [_component_indices(component)[0] for _, _, component in ends]
-    is_rotation = any(component > 2 for component in components)
-    weights: dict[tuple[int, str], float] = {}
-    for (sign, node, _), component in zip(ends, components, strict=True):
-        factor = sign * deck.units.displacement(component > 2, is_rotation)
-        for key, weight in weights_along(node, deck.axes_at(node)[component % 3], component > 2, factor).items():
-            weights[key] = weights.get(key, 0.0) + weight
+    parts = ((node, _component_indices(component)[0], sign) for sign, node, component in ends)
+    weights, is_rotation = weights_between(parts, deck.axes_at, deck.units)
     if not any(weights.values()):
         return "it joins a component with itself", DeckPart(name, 1)
     value = _real(values[0]) * deck.units.stiffness(is_rotation)
