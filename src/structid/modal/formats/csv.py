@@ -193,17 +193,13 @@ def is_modes_table(path: Path) -> bool:
     False also if the file cannot be read, or states a unit that is none of these.
     """
     try:
-        return _names_modes(path)
-    except InputError:
+        return _names_modes(read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines())
+    except (OSError, InputError):
         return False
 
 
-def _names_modes(path: Path) -> bool:
-    """As `is_modes_table`, with an `InputError` for a unit that is none of a frequency or a damping ratio."""
-    try:
-        head = read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
-    except OSError:
-        return False
+def _names_modes(head: list[str]) -> bool:
+    """True if the first lines `head` of a table are those of modes; `InputError` for an unknown unit in their names."""
     if not any("freq" in line.lower() for line in head):
         return False
     separator = max((",", ";", "\t"), key=head[0].count)

@@ -483,7 +483,7 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
             )
         combinations = product(options.outputs, options.inputs, layout.parts)
         assumed = [
-            _ColumnHeader(a, b, *_unit_and_reference(table, j, units[j], part, options))
+            _resolve_decibels(table, j, _ColumnHeader(a, b, units[j], part), options)
             for j, (a, b, part) in enumerate(combinations, start=1)
         ]
         _require_headers_agree(table, assumed)
@@ -492,7 +492,7 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
     for j, name in enumerate(table.names[1:], start=1):
         match = _match_pair(name)
         if match is None:
-            _unit_and_reference(table, j, units[j], "", options)  # a level is refused as one
+            _resolve_decibels(table, j, _ColumnHeader(name, "", units[j], ""), options)  # a level is refused as one
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
                 f" coherence); or say what the columns are by {option_words(outputs=None, inputs=None, unit=None)} and"
@@ -504,23 +504,21 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
             near = [text for text in (match["unit"], match["round"]) if text and text.strip().lower() in _PHASE_UNITS]
             unit = _phase_unit(table, j, match["own"] or next(iter(near), None))
         output = _without_estimator(match["output"], match["input"])
-        heads.append(_ColumnHeader(output, match["input"], *_unit_and_reference(table, j, unit, part, options)))
+        heads.append(_resolve_decibels(table, j, _ColumnHeader(output, match["input"], unit, part), options))
     return _output_first(heads, options)
 
 
-def _unit_and_reference(
-    table: Table, j: int, unit: str, part: str, options: ReadOptions
-) -> tuple[str, str, float | None]:
-    """Unit, part, and size in that unit to which 0 dB stands, of column `j`; None for a column that is not in decibels.
+def _resolve_decibels(table: Table, j: int, head: _ColumnHeader, options: ReadOptions) -> _ColumnHeader:
+    """`head` of column `j`; of magnitudes in decibels with the unit of their reference, and the size that 0 dB stands for.
 
-    `unit` and `part` are what the header says. Raises `FileError` for a level, mean or density other than a magnitude in
-    decibels, and for one whose reference neither the header nor `options.unit` says.
+    Raises `FileError` for a level, mean or density other than a magnitude in decibels, and for one whose reference
+    neither the header nor `options.unit` says.
     """
     word = level_word(f"{table.names[j]} {table.units[j]}")
     if not word:
-        return unit, part, None
-    decibel = _DECIBEL.fullmatch(unit.strip())
-    if decibel is None or part != "magnitude":
+        return head
+    decibel = _DECIBEL.fullmatch(head.unit.strip())
+    if decibel is None or head.part != "magnitude":
         raise _column(
             table,
             j,
@@ -536,7 +534,7 @@ def _unit_and_reference(
             text="does not say what 0 dB is; head it as in 12Z+/3Z+ magnitude (dB re 1 (m/s^2)/N), or say the unit whose 1 is"
             f" 0 dB by {option_words(unit='(m/s^2)/N')}",
         )
-    return reference, part, size
+    return head._replace(unit=reference, decibel_reference=size)
 
 
 def _match_pair(name: str) -> re.Match[str] | None:
