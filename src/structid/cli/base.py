@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -120,6 +121,11 @@ def say(text: object, err: bool = False, is_exact: bool = False) -> None:
     shown = str(text) if is_exact else paths_as_called(str(text))
     escaped = "".join(letter if letter.isprintable() or letter == "\n" else f"\\x{ord(letter):02x}" for letter in shown)
     typer.echo(escaped, err=err)
+
+
+def command_line(*words: object) -> str:
+    """The call of `structid` with `words` as it is typed in a shell, quoted where a word has blanks."""
+    return shlex.join(["structid", *map(str, words)])
 
 
 def beside_call(name: str) -> Path:

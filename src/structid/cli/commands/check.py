@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
-
-from structid.cli.base import NOT_DETERMINED, StudyPath, fail, say
+from structid.cli.base import NOT_DETERMINED, StudyPath, command_line, fail, say
 
 _KEPT_BYTES = 500_000_000
 
@@ -34,4 +32,4 @@ def check(study: StudyPath) -> None:
     if not result.determined:
         fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
     first = "look at the warnings, then " if result.warnings else ""
-    say(f"Next: {first}`{shlex.join(['structid', 'identify', str(study)])}`")
+    say(f"Next: {first}`{command_line('identify', study)}`")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
@@ -24,6 +23,7 @@ from structid.cli.base import (
     Workers,
     beside_call,
     check_png,
+    command_line,
     fail,
     results_folder,
     say,
@@ -227,4 +227,4 @@ def _interruption_message(run: LongRun, kept: Checkpoint, again: str) -> str:
 def _resume_command(study: Path, flags: Sequence[str], **options: object) -> str:
     """Text with the command line that resumes the run; `options` with the value None are left out, `flags` are appended."""
     words = [word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))]
-    return f"go on with: {shlex.join(['structid', 'identify', str(study), *words, *flags, '--resume'])}"
+    return f"go on with: {command_line('identify', study, *words, *flags, '--resume')}"

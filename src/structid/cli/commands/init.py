@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import beside_call, say
+from structid.cli.base import beside_call, command_line, say
 from structid.core.errors import InputError
 from structid.study.templates import (
     TEMPLATES,
@@ -53,9 +52,9 @@ def init(
         made = template_with(kind, values | _ask_values(kind, set(values)))
     path = write_study(made, study or beside_call(f"{template}.toml"))
     say(f"{path} is written.")
-    say(f"Look at it: `{shlex.join(['structid', 'app', str(path.parent)])}`")
-    say(f"Before the test: `{shlex.join(['structid', 'plan', str(path)])}`")
-    say(f"After the test: name its file under [record], then `{shlex.join(['structid', 'check', str(path)])}`")
+    say(f"Look at it: `{command_line('app', path.parent)}`")
+    say(f"Before the test: `{command_line('plan', path)}`")
+    say(f"After the test: name its file under [record], then `{command_line('check', path)}`")
 
 
 def _parse_settings(pairs: list[str]) -> dict[str, str]:
