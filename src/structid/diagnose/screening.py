@@ -227,12 +227,7 @@ def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
     directions = [group for group in of_direction.values() if len(group) > 1]
     everywhere = [[candidate for group in directions for candidate in group]] if len(directions) > 1 else []
     return [
-        Screened(
-            replace(group[0], where=tuple(candidate.where[0] for candidate in group)),
-            float(np.median(group[0].strengths)),
-            left,
-        )
-        for group in [*directions, *everywhere, *nodes]
+        _together(group, float(np.median(group[0].strengths)), left) for group in [*directions, *everywhere, *nodes]
     ]
 
 
@@ -250,10 +245,15 @@ def _clamps(candidates: Iterable[Candidate], held_nodes: Collection[int], left: 
             if dof.is_rotation:
                 of_direction.setdefault(dof.direction, []).append(candidate)
     return [
-        Screened(replace(group[0], where=tuple(one.where[0] for one in group)), float(group[0].strengths.max()), left)
+        _together(group, float(group[0].strengths.max()), left)
         for group in of_direction.values()
         if 1 < len(group) <= MOST_FEET
     ]
+
+
+def _together(group: Sequence[Support] | Sequence[SpringToGround], strength: float, left: float) -> Screened:
+    """The changes of a `group` as one at all its degrees of freedom, with a `strength`; `left` is the misfit without it."""
+    return Screened(replace(group[0], where=tuple(candidate.where[0] for candidate in group)), strength, left)
 
 
 def _rollers(base: FittedModel, candidates: Iterable[Candidate], held_nodes: Collection[int]) -> list[Screened]:
