@@ -74,9 +74,8 @@ def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
         is_small = size[:, *pair] <= np.quantile(size[is_even, *pair], _QUIET)
         quiet, loud = is_even & is_small, is_even & ~is_small
         variance = _median_variance(higher[quiet, *pair])
-        if variance == 0 or not _WHITE[0] < _median_variance(lower[quiet, *pair]) / variance < _WHITE[1]:
-            continue
-        if not _scatters(differences[:, *pair], quiet):
+        is_white = variance > 0 and _WHITE[0] < _median_variance(lower[quiet, *pair]) / variance < _WHITE[1]
+        if not (is_white and _scatters(differences[:, *pair], quiet)):
             continue
         scatter.floor[pair] = np.sqrt(variance)
         over = np.divide(higher[:, *pair], stated[:, *pair], out=np.full(n_windows, np.inf), where=stated[:, *pair] > 0)

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.constraints import constraint_violation, declared_types, describe_type
-from structid.core.display import names_like
+from structid.core.display import names_like, plural
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 
@@ -396,7 +396,7 @@ class ElementSet:
 
     def __repr__(self) -> str:
         """Class, name, number of elements, and the value or range of each property that is not 0."""
-        shown = [f"{len(self.nodes)} element{'' if len(self.nodes) == 1 else 's'}"]
+        shown = [plural(len(self.nodes), "element")]
         for name, declaration in declarations(self).items():
             values = np.atleast_1d(getattr(self, name)) if declaration.kind is not None else np.zeros(0)
             if values.dtype.kind == "f" and values.any():
