@@ -12,21 +12,22 @@ from numpy.typing import NDArray
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.records.record import FrfRecord
 
-#: Orders of the differences: the higher tells the floor, and both agree where it is white and the lines resolve the response.
+#: Orders of the differences along the lines: the sixth gives the floor, the fourth checks it. A window is seven lines.
 _LOWER, _ORDER = 4, 6
-#: Least and greatest ratio of both variances that white noise gives, and fewest windows of quiet lines.
+#: Variance by fourth over that by sixth differences, least and greatest, of noise that is independent from line to line and
+#: lines that resolve the response; and fewest windows of quiet lines.
 _WHITE, _FEWEST_WINDOWS = (0.7, 1.4), 40
-#: Size at most, and phase from that of white noise in rad at most, of the mean product of neighbouring sixth differences, of
-#: modulus 1 each: white noise has -0.76, values that turn by one angle from line to line have modulus 1 and that phase.
+#: The mean product of neighbouring sixth differences, each of modulus 1: it is -0.76 for independent noise, and exp(i a) for
+#: values that turn by the angle a from line to line. Greatest modulus, and greatest angle (rad) from -1, that count as noise.
 _PHASOR, _TURNED = 0.9, 0.4
-#: Part of the windows that are quiet, by the size of their values.
+#: Part of the windows that are quiet: those with the smallest mean square of their values. The others are loud.
 _QUIET = 0.5
-#: Greatest difference of two line spacings within a window, as a part of the median spacing.
+#: Greatest difference of a line spacing from the median spacing of the record, as a part of that.
 _EVEN = 1e-3
-#: Scatter over the stated noise on quiet lines from which on that is called too small, and how much more it is than on the others.
+#: Least scatter over stated deviation in quiet windows where that noise is too small, and least such ratio over that in loud
+#: windows; the first where nobody stated the noise.
 _UNDERSTATED, _MORE_THAN_LOUD = 2.0, 1.5
-#: Floor over assumed noise on quiet lines below which it is left out.
-_NEGLIGIBLE = 0.2
+_UNDERSTATED_IF_ASSUMED = 0.2
 
 
 class LineScatter(NamedTuple):
@@ -35,9 +36,9 @@ class LineScatter(NamedTuple):
     Attributes
     ----------
     floor : float array
-        Standard deviation of the complex noise on the quiet lines, in the unit of the record; 0 where it cannot be told.
+        Standard deviation of the complex noise in the quiet windows, in the unit of the record; 0 where it cannot be told.
     quiet, loud : float array
-        Scatter over the stated standard deviation on the quiet half of the lines, and on the loud half; NaN where no floor is told.
+        Scatter in the quiet and in the loud windows over the deviation that is stated there; NaN where `floor` is 0.
     """
 
     floor: FloatArray
@@ -46,18 +47,21 @@ class LineScatter(NamedTuple):
 
 
 def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
-    """Scatter of neighbouring lines of `record` for each pair of sensor and load, and the noise floor that it tells.
+    """The scatter of neighbouring lines of `record`, beside the noise that is stated.
 
-    Returns (n_outputs, n_inputs) arrays: `floor`, the standard deviation of the noise on the quiet lines, in the unit
-    of the record, 0 where it cannot be told; `quiet` and `loud`, the scatter over the stated deviation on either half
-    of the lines, NaN where there is no floor. `stated` (n_lines, n_outputs, n_inputs) are the variances that the noise
-    is said to have.
+    A smooth response cancels in sixth differences of evenly spaced lines, noise that is independent from line to line does not
+    (the weights of a difference of order p have the sum of squares C(2 p, p)). The floor is the median of these differences over
+    the quiet windows.
 
-    A smooth response cancels in sixth differences of evenly spaced lines, white noise does not (the weights of a
-    difference of order p have the sum of squares C(2 p, p)). The floor is from the median square of these differences
-    over the half of the windows of seven lines with the smallest values. It is 0 for a pair whose fourth differences
-    give another size, since its noise is not white there or its lines do not resolve the response, and for one with
-    fewer than 40 such windows.
+    It is 0 for all pairs where the record has fewer than 80 evenly spaced windows. It is 0 for a pair whose fourth differences
+    give another size (the noise is not independent, or the lines do not resolve the response), whose values turn from line to
+    line (as under a delay of about half the reciprocal line spacing), or that does not scatter at all.
+
+    Parameters
+    ----------
+    record : FrfRecord
+    stated : (n_lines, n_outputs, n_inputs) float array
+        Variance E|error|^2 that the complex values are said to have.
     """
     shape, n_windows = record.values.shape[1:], len(record.frequency) - _ORDER
     scatter = LineScatter(np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan))
@@ -75,7 +79,7 @@ def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
         quiet, loud = is_even & is_small, is_even & ~is_small
         variance = _median_variance(higher[quiet, *pair])
         is_white = variance > 0 and _WHITE[0] < _median_variance(lower[quiet, *pair]) / variance < _WHITE[1]
-        if not (is_white and _scatters(differences[:, *pair], quiet)):
+        if not (is_white and _is_independent(differences[:, *pair], quiet)):
             continue
         scatter.floor[pair] = np.sqrt(variance)
         over = np.divide(higher[:, *pair], stated[:, *pair], out=np.full(n_windows, np.inf), where=stated[:, *pair] > 0)
@@ -84,23 +88,23 @@ def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
 
 
 def missing_floor(record: FrfRecord, part: float, is_assumed: bool) -> FloatArray:
-    """Noise floor of each pair that the stated noise leaves out, (n_outputs, n_inputs), in the record's unit; 0 where none.
+    """Noise floor of each pair that the stated noise omits, (n_outputs, n_inputs), in the record's unit; 0 where none.
 
-    The stated noise is the variance of the record, if any, and `part` of each magnitude. A floor is left out where the lines
-    scatter by twice the stated noise on the quiet half of them, and there by 1.5 times more than on the loud half: noise that is
-    too small by one factor everywhere is no missing floor. With `is_assumed` nobody stated `part`: a floor counts from 0.2 times
-    that on.
+    The stated noise is the variance of the record, if any, and a standard deviation of `part` of each magnitude. It omits a
+    floor where the quiet windows scatter by at least twice the stated deviation, and by 1.5 times more of it than the loud ones:
+    noise that is too small by one factor everywhere omits no floor. With `is_assumed` nobody stated `part`, and 0.2 times the
+    stated deviation is enough in place of twice.
     """
     stated = (part * np.abs(record.values)) ** 2 + (0.0 if record.variance is None else record.variance)
     floor, quiet, loud = line_scatter(record, stated)
-    least = _NEGLIGIBLE if is_assumed else _UNDERSTATED
+    least = _UNDERSTATED_IF_ASSUMED if is_assumed else _UNDERSTATED
     return np.where((quiet >= least) & (quiet >= _MORE_THAN_LOUD * loud), floor, 0.0)
 
 
 def with_noise_floor(record: FrfRecord, floor: FloatArray) -> FrfRecord:
-    """`record` with the squares of `floor` (n_outputs, n_inputs) added to its variances; the same where all are 0.
+    """`record` with the squares of `floor` (n_outputs, n_inputs) added to the variances of all lines; the same if all are 0.
 
-    The noise source of a record that states no noise becomes "scatter".
+    The noise source of a record without variances becomes "scatter"; pairs without a floor have variances of 0 then.
     """
     if not floor.any():
         return record
@@ -110,7 +114,7 @@ def with_noise_floor(record: FrfRecord, floor: FloatArray) -> FrfRecord:
 
 
 def _evenly_spaced(frequency: FloatArray) -> NDArray[np.bool_]:
-    """True for each window of seven lines that are evenly spaced, (n_lines - 6,); empty for fewer lines."""
+    """True for each window of seven lines whose spacings are the median one, (n_lines - 6,); empty for fewer lines."""
     spacing = np.diff(frequency)
     if len(spacing) < _ORDER:
         return np.zeros(0, dtype=bool)
@@ -128,12 +132,17 @@ def _mean_of_windows(values: FloatArray) -> FloatArray:
     return np.lib.stride_tricks.sliding_window_view(values, _ORDER + 1, axis=0).mean(axis=-1)
 
 
-def _scatters(differences: ComplexArray, chosen: NDArray[np.bool_]) -> bool:
-    """True if neighbouring sixth differences (n_windows,) among the `chosen` go together as those of white noise do."""
+def _is_independent(differences: ComplexArray, chosen: NDArray[np.bool_]) -> bool:
+    """True if neighbouring sixth differences (n_windows,) among the `chosen` have the phase of noise, independent by line.
+
+    False without two neighbours that are not 0.
+    """
     product = differences[1:] * differences[:-1].conj()
     product = product[chosen[1:] & chosen[:-1] & (np.abs(product) > 0)]
-    phasor = complex(np.mean(product / np.abs(product))) if len(product) else 0.0
-    return bool(abs(phasor) < _PHASOR and abs(np.angle(-phasor)) < _TURNED)
+    if not len(product):
+        return False
+    phasor = complex(np.mean(product / np.abs(product)))
+    return abs(phasor) < _PHASOR and abs(float(np.angle(-phasor))) < _TURNED
 
 
 def _median_variance(squares: FloatArray) -> float:
