@@ -273,10 +273,10 @@ def test_what_is_said_of_a_file_before_there_is_a_study_is_said_for_good(page, t
         lab = page.locator("[data-record='lab.csv']")
         lab.get_by_text("Filled in as the message proposes: skip rows.").wait_for()
         lab.get_by_role("button", name="Read it so").click()
-        lab.get_by_text("in this order, by outputs below").wait_for()
+        lab.get_by_text("in this order, by outputs and inputs below").wait_for()
         lab.get_by_text("What A1, A2 are, in this order, as in 12Z+.").wait_for()
-        lab.get_by_label("outputs").fill("2Y, 3Y")
-        lab.get_by_label("inputs").fill("3Y")
+        lab.get_by_label("outputs", exact=True).fill("2Y, 3Y")
+        lab.get_by_label("inputs", exact=True).fill("3Y")
         lab.get_by_role("button", name="Read it so").click()
         lab.get_by_text("Open a study above to use this record in it.").wait_for()
         page.get_by_label("Template", exact=True).select_option("beam")
@@ -327,11 +327,13 @@ def test_changes_that_results_suggest_are_opened_as_studies(page, screens, tmp_p
     text = study.read_text(encoding="utf-8") + '\n[record]\npath = "../../hammer.npz"\nleakage = "hann"\n'
     (folder / "suggestions" / "1-leakage.toml").write_text(text, encoding="utf-8")
     change = {"words": "resonances leak", "share": 0.4, "study": "suggestions/1-leakage.toml", "lines": ["+ leakage"]}
-    told = {"verdict": "wrong_model", "verdict_text": "It does not explain the record", "causes": [change]}
+    mass = {**change, "words": "a mass at node 4 is missing", "share": 0.999, "leaves_noise": True}
+    told = {"verdict": "wrong_model", "verdict_text": "It does not explain the record", "causes": [change, mass]}
     (folder / "estimate.json").write_text(json.dumps({**told, "parameters": []}), encoding="utf-8")
     with served(tmp_path) as bench:
         page.goto(bench.address + "#results/beam.toml")
-        page.get_by_text("resonances leak: removes 40 % of the misfit").wait_for()
+        page.get_by_text("Resonances leak: removes 40 % of the misfit", exact=True).wait_for()
+        page.get_by_text("A mass at node 4 is missing: removes 100 % of the misfit; what remains is noise").wait_for()
         cause = page.locator("#verdict #cause")  # in the first screen
         assert cause.get_by_text("Resonances leak. This removes 40 % of the misfit.").bounding_box()["y"] < 900
         assert page.get_by_role("heading", name="Changes that lower the misfit").count() == 0

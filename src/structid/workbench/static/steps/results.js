@@ -290,7 +290,7 @@ function changeList(title, list, folder, files, id) {
                 "p",
                 {},
                 marked(
-                  `${changeWords(one)}: removes ${percent(one.share)} of ${one.is_second ? "what is left" : "the misfit"}`,
+                  `${changeWords(one)}: removes ${percent(one.share)} of ${one.is_second ? "what is left" : "the misfit"}${one.leaves_noise ? "; what remains is noise" : ""}`,
                 ),
               ),
               h(
