@@ -20,6 +20,8 @@ from structid.modal.formats.files import read_modes
 from structid.modal.formats.nastran import nastran_modes
 from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.printed import PrintedMode, require_same_points
+from structid.modal.poles.poles import modal_phase_collinearity
+from structid.similarity import most_real
 
 #: Files that others are read with, by suffix.
 _BESIDE = {".sti": (".dof",), ".mas": (".dof",)}
@@ -29,6 +31,8 @@ _BESIDE = {".sti": (".dof",), ".mas": (".dof",)}
 FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
 #: Six and seven digits.
 _ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
+#: Modal phase collinearity below which a mode is truly complex: a ninth of its motion is a quarter of a period apart.
+_LEAST_COLLINEARITY = 0.95
 _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 
 
@@ -168,12 +172,14 @@ def read_shapes(path: Path) -> RunModes:
     ----------
     path : Path
         CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or any file that
-        `structid.modal.formats.files.read_modes` reads; of complex shapes in the latter the real parts are taken.
+        `structid.modal.formats.files.read_modes` reads. Complex shapes in the latter are turned to be as real as can be,
+        and their imaginary parts left out.
 
     Raises
     ------
     FileError
-        If the file is missing, cut short, or holds no modes, or one of CalculiX, Nastran or MYSTRAN holds complex ones.
+        If the file is missing, cut short, or holds no modes; if a mode is truly complex, or one of CalculiX, Nastran or
+        MYSTRAN complex at all.
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):
@@ -208,13 +214,22 @@ def require_last_line(path: Path) -> None:
 def _shapes_of_modes_file(path: Path) -> RunModes:
     """Frequencies (Hz) and shapes, along positive directions, from a modes file of any format that structid reads.
 
-    Of complex shapes the real parts are taken. `FileError` if the file is cut short or a shape is zero.
+    Complex shapes are turned to be as real as can be, and their imaginary parts left out. `FileError` if the file is cut
+    short, a shape is zero, or one has parts of other phases, which matrices of mass and stiffness cannot give.
     """
     record = read_modes(path)
     require_last_line(path)
+    collinearity = modal_phase_collinearity(record.mode_shapes.astype(np.complex128))
+    is_complex = np.flatnonzero((collinearity < _LEAST_COLLINEARITY) & record.mode_shapes.any(axis=0))
+    if len(is_complex):
+        first = is_complex[0]
+        raise FileError(
+            f"{path}: mode {first + 1} at {record.frequency[first]:.6g} Hz is complex, with a phase collinearity of"
+            f" {collinearity[first]:.2g}; let the solver print the real modes of mass and stiffness, without damping or rotation"
+        )
     signs = np.array([dof.sign for dof in record.channels])
     dofs = np.array([(dof.node, DIRECTIONS.index(dof.direction) + 1) for dof in record.channels], dtype=np.int64)
-    values = np.real(np.asarray(record.mode_shapes)) * signs[:, None]
+    values = most_real(record.mode_shapes) * signs[:, None]
     return _sorted_shapes(path, record.frequency, dofs, values, record.scaling == "mass", "")
 
 

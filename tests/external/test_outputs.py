@@ -1,0 +1,32 @@
+"""Modes that a solver wrote in a file of any format."""
+
+import numpy as np
+import pytest
+
+from structid.core.errors import FileError
+from structid.external.outputs import read_shapes
+from structid.modal.formats.files import write_modes
+from structid.modal.modal_record import ModalRecord
+
+SHAPES = np.array([[1.0, 0.4], [0.5, -1.0], [-0.2, 0.7]])
+
+
+def _written(path, shapes):
+    write_modes(path, ModalRecord([3.0, 7.0], [0.01, 0.02], shapes, ["1X", "2X", "3X"]))
+    return path
+
+
+@pytest.mark.parametrize("name", ["modes.csv", "modes.json", "modes.uff"])
+def test_shapes_of_any_phase_are_turned_to_be_real(tmp_path, name):
+    turned = SHAPES * np.exp(1j * np.array([1.4, -0.9]))
+    values = read_shapes(_written(tmp_path / name, turned)).values
+    scale = values[0] / SHAPES[0]
+    assert values == pytest.approx(SHAPES * scale, rel=1e-5)
+    assert abs(scale) == pytest.approx([1.0, 1.0], rel=1e-5)  # the largest entry keeps its size
+
+
+@pytest.mark.parametrize("name", ["modes.csv", "modes.json", "modes.uff"])
+def test_a_truly_complex_mode_is_refused(tmp_path, name):
+    shapes = SHAPES + 1j * np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    with pytest.raises(FileError, match=rf"{name}: mode 2 at 7 Hz is complex, .* print the real modes"):
+        read_shapes(_written(tmp_path / name, shapes))
