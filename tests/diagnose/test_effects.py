@@ -1,6 +1,7 @@
 """Each change screened by algebra is the change that its study makes: both give the same responses."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,12 +9,14 @@ from frame_cases import FREQUENCY, STUDY, shaken, written, written_histories, wr
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from structid import Beam, FrfRecord, PointMass, RigidLink, RotaryInertia, Spring, Structure, Unknown, parameters
+from structid.core.dof import parse_dofs
 from structid.core.errors import StructidError
 from structid.diagnose.causes import CAUSES, OF_DATA, OF_RESIDUAL, OF_SETS, candidates, set_candidates
 from structid.diagnose.causes.appendage import Appendage
 from structid.diagnose.causes.polarity import LoadPolarity, SensorPolarity
 from structid.diagnose.causes.swap import SwappedSensors
 from structid.diagnose.effects import direction_of, effect_of_addition
+from structid.diagnose.model_edits import ScaleAxis
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.receptances import receptances_at
 from structid.diagnose.refits import FittedModel
@@ -246,13 +249,49 @@ def test_a_damper_is_tried_across_a_spring_that_stands_on_the_table(tmp_path):
     assert np.abs(across.effect(fields, np.array([5.0]))[0] - own).max() < 1e-6 * np.abs(own).max()
 
 
-def test_channels_that_have_other_names_already_are_turned_and_exchanged(tmp_path):
-    record = {"relabel": {"13X": "3X-", "load 14Y": "4Y"}}
-    study = {"structure": {}, "record": record}
+def _channel_editor(record, sensors, loads):
+    """A function that writes the edits of a candidate into the table `record` of a study with channels of these names."""
+    model = SimpleNamespace(
+        setups=[SimpleNamespace(channels=(("output", parse_dofs(sensors)), ("input", parse_dofs(loads))))]
+    )
 
     def edit(candidate):
-        for one in candidate.edits(None, 1.0):
-            one.write(study)
+        for one in candidate.edits(model, 1.0):
+            one.write({"structure": {}, "record": record})
+
+    return edit
+
+
+def test_a_load_that_was_renamed_without_saying_load_keeps_its_entry():
+    record = {"relabel": {"13X": "4Y", "14Y": "3X"}}
+    edit = _channel_editor(record, ["3X"], ["4Y"])
+    edit(LoadPolarity(where=("4Y",)))
+    assert record["relabel"] == {"13X": "4Y-", "14Y": "3X"}
+    edit(SensorPolarity(where=("3X",)))
+    assert record["relabel"] == {"13X": "4Y-", "14Y": "3X-"}
+
+
+@pytest.mark.parametrize("kind", [LoadPolarity, SensorPolarity])
+def test_an_entry_that_may_be_of_a_sensor_or_a_load_is_left_to_the_user(kind):
+    record = {"relabel": {"14Y": "4Y"}}
+    edit = _channel_editor(record, ["4Y", "3X"], ["4Y"])
+    with pytest.raises(NoStudyTextError, match="'14Y' 4Y, which a sensor and a load are called"):
+        edit(kind(where=("4Y",)))
+    edit(SensorPolarity(where=("3X",)))
+    assert record["relabel"] == {"14Y": "4Y", "3X": "3X-"}
+
+
+def test_a_clock_scales_the_tones_of_a_history_too():
+    record = {"sampling_rate": 100.0, "time": {"tones": [25.0, 50.0]}}
+    study = {"record": record, "method": {"band": [5.0, 40.0]}}
+    ScaleAxis(0.98).write(study)
+    assert record == {"sampling_rate": 98.0, "time": {"tones": [24.5, 49.0]}}
+    assert study["method"] == {"band": [4.9, 39.2]}
+
+
+def test_channels_that_have_other_names_already_are_turned_and_exchanged(tmp_path):
+    record = {"relabel": {"13X": "3X-", "load 14Y": "4Y"}}
+    edit = _channel_editor(record, ["3X", "5X"], ["4Y"])
 
     edit(SensorPolarity(where=("3X",)))
     assert record["relabel"] == {"13X": "3X", "load 14Y": "4Y"}

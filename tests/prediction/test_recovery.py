@@ -227,6 +227,7 @@ def test_spectrum_of_von_mises_is_that_of_its_square():
     [
         ("M[beam:9@0]", "has elements 1 to 4, got 9"),
         ("M[beem:1@0]", "nearest is 'beam'"),
+        ("M[beam@1]", "elements 1 to 4; write the number of the one, such as M.beam:1@1"),
         ("M[beam:1@3]", "runs from node 0 to 1, got 3"),
         ("N[beam:1@0]", "have V, M, not N"),
         ("stress[beam:1@0 z=0.1 E=1e9]", "bend along y alone"),
@@ -249,4 +250,9 @@ def test_outputs_of_one_quantity_may_have_several_units():
     history = sid.History(["4Y", "M[beam:1@0]", "strain[beam:1@0 y=0.1]"], ["4Y"], np.ones((5, 1)), 10.0)
     assert history.units == ("m/s^2", "N m", "1")
     assert str(parse_output("stress[deck:3@12  y = 0.05 E=2.1e11]")) == "stress[deck:3@12 y=0.05 E=2.1e+11]"
-    assert str(parse_output("von_mises[plate@top]")) == "von_mises[plate:1@top]"
+    assert str(parse_output("von_mises[plate@top]")) == "von_mises[plate@top]"
+
+
+def test_the_number_is_left_out_of_a_set_of_one_element_alone():
+    one = frf(cantilever(1), ["M[beam@0]", "M[beam:1@0]"], ["1Y"])[0, :, 0]
+    assert one[0] == one[1] != 0

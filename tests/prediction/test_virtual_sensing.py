@@ -235,6 +235,19 @@ def test_a_force_of_another_spectrum_does_not_make_a_right_model_wrong(noise, fo
     assert words in "; ".join((sensed.contradiction, *sensed.words))
 
 
+@pytest.mark.parametrize("is_stated", [False, True])
+def test_readings_that_the_model_explains_nothing_of_contradict_it_whatever_their_noise(is_stated):
+    """White readings, whose errors show no correlation in time, beside a force that has nothing to do with them."""
+    readings = np.random.default_rng(0).standard_normal((600, 3))
+    variance = np.array([1e-4, 1e-4, 1e-4]) if is_stated else None
+    record = sid.TimeRecord(
+        RATE, readings, ["1X", "2X", "2X"], ["acceleration", "acceleration", "force"], variance=variance
+    )
+    sensed = sid.sense(make_model(0.01), record, ["2X"], n_draws=5)
+    noise = "than stated" if is_stated else "than the 1 % of its reading that is assumed"
+    assert f"the sensors have more noise {noise}" in sensed.contradiction
+
+
 def steep_record(sensors, seed, n=300):
     """Accelerations with 1 % noise under a force at mass 2 behind three low-passes of first order, at eight times the rate."""
     rng, fade = np.random.default_rng(seed), np.exp(-8 / 3 / 0.3 / (8 * RATE))

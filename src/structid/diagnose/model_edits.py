@@ -24,7 +24,7 @@ from structid.diagnose.study_tables import (
     support_tables,
     take_out_element,
 )
-from structid.diagnose.tested_model import ModelDraft
+from structid.diagnose.tested_model import ModelDraft, TestedModel
 from structid.fem import ELEMENT_TYPES, Base, Constraint, RigidLink
 from structid.fem.measuring_points import AimedSensor, unit_direction
 from structid.forward import ChannelUnknown
@@ -265,10 +265,15 @@ class MoveBaseSupport:
 
 @dataclass(frozen=True)
 class RenameChannels:
-    """Channels of a record by other names; ``load 3X`` is a load."""
+    """Channels of a record by other names; ``load 3X`` is a load.
+
+    `sensors` and `loads` are the present names of all its channels, such as ``3X``; see `renamed_channels`.
+    """
 
     record: int
     names: Mapping[str, str]
+    sensors: frozenset[str]
+    loads: frozenset[str]
 
     def apply(self, draft: ModelDraft) -> None:
         draft.records[self.record].rename_channels(dict(self.names))
@@ -279,12 +284,20 @@ class RenameChannels:
         Raises
         ------
         NoStudyTextError
-            If a channel is listed in [record.sensors], where it must be renamed.
+            If a channel is listed in [record.sensors], where it must be renamed, or the study leaves open whether a
+            name is of a sensor or of a load.
         """
         record = record_tables(study)[self.record]
         if any(name.removeprefix("load ") in record.get("sensors", {}) for name in self.names):
             raise NoStudyTextError("a channel of [record.sensors] is renamed there")
-        rename_channels(record, dict(self.names))
+        rename_channels(record, dict(self.names), self.sensors, self.loads)
+
+
+def renamed_channels(model: TestedModel, record: int, names: Mapping[str, str]) -> RenameChannels:
+    """Edit that gives channels of the record at index `record` of `model` other names, by present ones (``load 3X``)."""
+    channels = dict(model.setups[record].channels)
+    sensors, loads = (frozenset(dof.place for dof in channels.get(role, ())) for role in ("output", "input"))
+    return RenameChannels(record, names, sensors, loads)
 
 
 @dataclass(frozen=True)
@@ -493,7 +506,7 @@ class ScaleAxis:
         return replace(record, frequency=self.factor * record.frequency, covariance=covariance)
 
     def write(self, study: Tables) -> None:
-        """Write the scaled sampling rates, bands and exclusions into the tables `study`, in place.
+        """Write the scaled sampling rates, tones, bands and exclusions into the tables `study`, in place.
 
         Raises
         ------
@@ -504,6 +517,9 @@ class ScaleAxis:
             if "sampling_rate" not in record:
                 raise NoStudyTextError("the record file says its axis; correct it there")
             record["sampling_rate"] = rounded(self.factor * float(record["sampling_rate"]))
+            fit = record.get("time", {})
+            if "tones" in fit:
+                fit["tones"] = [rounded(self.factor * float(tone)) for tone in as_list(fit["tones"])]
         method = study.get("method", {})
         for key in ("band", "evaluation_band"):
             if key in method:

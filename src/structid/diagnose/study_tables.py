@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from structid.core.dof import Dof, dofs_of_text, parse_dof
 from structid.core.errors import InputError
@@ -73,18 +73,32 @@ def release(table: Tables, dof: Dof) -> bool:
     return is_there
 
 
-def rename_channels(record: Tables, changes: dict[str, str]) -> None:
+def rename_channels(record: Tables, changes: dict[str, str], sensors: Collection[str], loads: Collection[str]) -> None:
     """Give channels of a record other names in its ``relabel`` table, which may rename them already; changed in place.
 
     `changes` maps present names, such as ``3X`` or for a load ``load 3X``, to new ones, which are without ``load``; one
     such as ``5X-`` reverses the sign. Of a channel that the table renames already, the entry gets the new name with the
-    product of both signs.
+    product of both signs. `sensors` and `loads` are the present names of all channels, such as ``3X``. An entry without
+    ``load`` is of a load where no sensor has its new name.
+
+    Raises
+    ------
+    NoStudyTextError
+        If an entry without ``load`` may be of a sensor or of a load, which have one name.
     """
     given = record.setdefault("relabel", {})
-    called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
+    called: dict[tuple[str, str], str] = {}
+    for key, name in given.items():
+        place = parse_dof(name).place
+        sides = ("load",) if " " in key else tuple(side for side, of in (("", sensors), ("load", loads)) if place in of)
+        if len(sides) > 1 and any(old.removeprefix("load ") == place for old in changes):
+            raise NoStudyTextError(
+                f"relabel names {key!r} {name}, which a sensor and a load are called; correct it there"
+            )
+        called |= {(side, place): key for side in sides}
     for old, new in changes.items():
         *side, place = old.split()
-        key = called.get(("".join(side), place))
+        key = called.get(("load" if side or place not in sensors else "", place))
         if key is None:
             given[old] = new
             continue

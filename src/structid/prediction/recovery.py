@@ -76,8 +76,8 @@ class SectionForce:
     ----------
     name : str
         Element set.
-    number : int
-        Number of the element in the set, from 1.
+    number : int or None
+        Number of the element in the set, from 1; None in a set of one element.
     node : int
         At which end.
     component : {"N", "V", "M", "VY", "VZ", "T", "MY", "MZ"}
@@ -85,12 +85,12 @@ class SectionForce:
     """
 
     name: str
-    number: int
+    number: int | None
     node: int
     component: str
 
     def __str__(self) -> str:
-        return f"{self.component}[{self.name}:{self.number}@{self.node}]"
+        return f"{self.component}[{_element_words(self.name, self.number)}@{self.node}]"
 
     @property
     def unit(self) -> str:
@@ -150,7 +150,7 @@ class FibreStress:
     """
 
     name: str
-    number: int
+    number: int | None
     node: int
     y: float = 0.0
     z: float = 0.0
@@ -166,7 +166,8 @@ class FibreStress:
     def __str__(self) -> str:
         values = (("y", self.y), ("z", self.z), ("E", self.youngs_modulus))
         rest = "".join(f" {key}={value:g}" for key, value in values if value)
-        return f"{'strain' if self.youngs_modulus is None else 'stress'}[{self.name}:{self.number}@{self.node}{rest}]"
+        what = "strain" if self.youngs_modulus is None else "stress"
+        return f"{what}[{_element_words(self.name, self.number)}@{self.node}{rest}]"
 
     @property
     def unit(self) -> str:
@@ -232,12 +233,12 @@ class CellStress:
     """
 
     name: str
-    number: int
+    number: int | None
     surface: str
     component: str
 
     def __str__(self) -> str:
-        return f"{self.component}[{self.name}:{self.number}@{self.surface}]"
+        return f"{self.component}[{_element_words(self.name, self.number)}@{self.surface}]"
 
     @property
     def unit(self) -> str:
@@ -307,7 +308,7 @@ def parse_output(text: str | Output) -> Output:
     if match is None:
         raise InputError(f"cannot read {text!r} as an output of an element; write {_EXAMPLES}")
     what, name, where = match["what"], match["set"].strip(), match["where"]
-    number, options = int(match["number"] or 1), _numbers(text, match["rest"])
+    number, options = int(match["number"]) if match["number"] else None, _numbers(text, match["rest"])
     allowed = {"stress": ("y", "z", "E"), "strain": ("y", "z")}.get(what, ())
     unknown = next((key for key in options if key not in allowed), None)
     if unknown is not None:
@@ -320,7 +321,9 @@ def parse_output(text: str | Output) -> Output:
         )
     if not where.isdigit():
         surfaces = ", or stress_xx, stress_yy, stress_xy or von_mises" if where in _SURFACES else ""
-        raise InputError(f"{text}: {what} is at a node, as in {what}[{name}:{number}@12]{surfaces}; got {where!r}")
+        raise InputError(
+            f"{text}: {what} is at a node, as in {what}[{_element_words(name, number)}@12]{surfaces}; got {where!r}"
+        )
     if what in _FORCES:
         return SectionForce(name, number, int(where), what)
     if what == "stress" and "E" not in options:
@@ -508,10 +511,16 @@ def _over_free(to_free: sparse.csr_array, positions: IntArray, row: FloatArray) 
     return np.asarray(to_free[positions[kept], :].T @ row[kept])
 
 
-def _element_of(structure: Structure, name: str, number: int, text: str) -> tuple[ElementSet, int]:
+def _element_words(name: str, number: int | None) -> str:
+    """Element set and number as outputs are written: ``deck:3``, or ``deck`` without a number."""
+    return name if number is None else f"{name}:{number}"
+
+
+def _element_of(structure: Structure, name: str, number: int | None, text: str) -> tuple[ElementSet, int]:
     """Element set called `name`, and the row (from 0) of its element `number` (from 1); `text` is the output in errors.
 
-    `InputError` if the structure has no such set or element, or it is part of a component.
+    `InputError` if the structure has no such set or element, it is part of a component, or no number is given for a set
+    of several elements.
     """
     for component in structure.components:
         if name in component.elements:
@@ -523,6 +532,12 @@ def _element_of(structure: Structure, name: str, number: int, text: str) -> tupl
     if element is None:
         near = difflib.get_close_matches(name, [each.name for each in structure.elements], 1, 0.0)
         raise InputError(f"{text}: the structure has no element set {name!r}; the nearest is {near[0]!r}")
+    if number is None and len(element.nodes) > 1:
+        first = text.replace(f"[{name}@", f"[{name}:1@", 1)
+        raise InputError(
+            f"{text}: {name!r} has elements 1 to {len(element.nodes)}; write the number of the one, such as {first}"
+        )
+    number = 1 if number is None else number
     if not 1 <= number <= len(element.nodes):
         raise InputError(f"{text}: {name!r} has elements 1 to {len(element.nodes)}, got {number}")
     return element, number - 1

@@ -14,7 +14,7 @@ from structid.core.errors import InputError
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channels import ANGLES, NUMBER_STEPS, channels, index_of, other_directions
 from structid.diagnose.effects import channel_change, channel_reading
-from structid.diagnose.model_edits import AddNode, AddPart, AimSensor, Edits, HoldSupports, RenameChannels, rounded
+from structid.diagnose.model_edits import AddNode, AddPart, AimSensor, Edits, HoldSupports, renamed_channels, rounded
 from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel
 
@@ -72,7 +72,7 @@ class SensorDirection(Candidate):
         record, names = self.record or 0, self.where
         dofs = [parse_dof(name) for name in names]
         if abs(abs(strength) - np.pi / 2) < _SQUARE:
-            return [RenameChannels(record, {names[0]: names[1] if strength > 0 else f"{names[1]}-"})]
+            return [renamed_channels(model, record, {names[0]: names[1] if strength > 0 else f"{names[1]}-"})]
         vector = [0.0, 0.0, 0.0]
         for dof, part in zip(dofs, (np.cos(strength), np.sin(strength)), strict=True):
             if dof.is_rotation:
@@ -171,5 +171,5 @@ def follower(
         node,
         AddPart("constraint", {"name": tie_name, "dependent": acts, "depends_on": list(weighted_dofs)}),
         HoldSupports(held),
-        RenameChannels(record, {f"{role_prefix}{dof.place}": acts}),
+        renamed_channels(model, record, {f"{role_prefix}{dof.place}": acts}),
     ]

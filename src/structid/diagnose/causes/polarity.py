@@ -10,7 +10,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channels import channels, index_of
 from structid.diagnose.effects import scaled_channel
-from structid.diagnose.model_edits import Edits, RenameChannels
+from structid.diagnose.model_edits import Edits, renamed_channels
 from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel
 
@@ -32,7 +32,7 @@ class SensorPolarity(Candidate):
         return scaled_channel(receptances, 1, index_of(receptances, 1, self.where[0]), factors)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [RenameChannels(self.record or 0, {self.where[0]: f"{self.where[0]}-"})]
+        return [renamed_channels(model, self.record or 0, {self.where[0]: f"{self.where[0]}-"})]
 
     def sentence(self, value: float | None) -> str:
         return f"sensor {self.where[0]} reads with the opposite sense"
@@ -57,7 +57,7 @@ class LoadPolarity(Candidate):
         return scaled_channel(receptances, 2, index_of(receptances, 2, self.where[0]), factors)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [RenameChannels(self.record or 0, {f"load {self.where[0]}": f"{self.where[0]}-"})]
+        return [renamed_channels(model, self.record or 0, {f"load {self.where[0]}": f"{self.where[0]}-"})]
 
     def sentence(self, value: float | None) -> str:
         return f"the force at {self.where[0]} acts with the opposite sense"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.model_edits import Edits, RenameChannels
+from structid.diagnose.model_edits import Edits, renamed_channels
 from structid.diagnose.tested_model import TestedModel
 
 
@@ -18,7 +18,7 @@ class SensorPosition(Candidate):
     record: int | None = 0
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [RenameChannels(self.record or 0, {self.where[0]: self.where[1]})]
+        return [renamed_channels(model, self.record or 0, {self.where[0]: self.where[1]})]
 
     def sentence(self, value: float | None) -> str:
         return f"sensor {self.where[0]} sits at {self.where[1]}"
@@ -32,7 +32,7 @@ class LoadPosition(Candidate):
     record: int | None = 0
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [RenameChannels(self.record or 0, {f"load {self.where[0]}": self.where[1]})]
+        return [renamed_channels(model, self.record or 0, {f"load {self.where[0]}": self.where[1]})]
 
     def sentence(self, value: float | None) -> str:
         return f"the force at {self.where[0]} acts at {self.where[1]}"

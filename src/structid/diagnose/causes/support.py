@@ -22,7 +22,7 @@ from structid.diagnose.model_edits import (
     HoldSupports,
     MoveBaseSupport,
     ReleaseSupport,
-    RenameChannels,
+    renamed_channels,
     rounded,
 )
 from structid.diagnose.receptances import Receptances
@@ -109,7 +109,7 @@ class Support(Candidate):
             return [], {}
         label = model.new_node()
         end = f"{label}{dof.direction}"
-        renamed = [RenameChannels(number, {dof.place: end}) for number in self.driven]
+        renamed = [renamed_channels(model, number, {dof.place: end}) for number in self.driven]
         return [AddNode(label, dof.node), MoveBaseSupport(dof, label), HoldSupports((end,)), *renamed], {"second": end}
 
     def sentence(self, value: float | None) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channels import index_of
-from structid.diagnose.model_edits import Edits, RenameChannels
+from structid.diagnose.model_edits import Edits, renamed_channels
 from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel
 
@@ -47,7 +47,7 @@ class SwappedSensors(Candidate):
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
         first, second = self.where
-        return [RenameChannels(self.record or 0, {first: second, second: first})]
+        return [renamed_channels(model, self.record or 0, {first: second, second: first})]
 
     def sentence(self, value: float | None) -> str:
         return f"the cables of {' and '.join(self.where)} are exchanged"
@@ -71,7 +71,7 @@ class SwappedLoads(Candidate):
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
         first, second = self.where
-        return [RenameChannels(self.record or 0, {f"load {first}": second, f"load {second}": first})]
+        return [renamed_channels(model, self.record or 0, {f"load {first}": second, f"load {second}": first})]
 
     def sentence(self, value: float | None) -> str:
         return f"the forces at {' and '.join(self.where)} are exchanged"

@@ -25,6 +25,10 @@ _FORETOLD = 0.05
 #: The same for directions in which another spectrum of the forces, or more noise, shows too: these make about 0.5, wrong models
 #: more than 3.
 _CLEARLY_FORETOLD = 1.0
+#: Standard deviation of the noise of a sensor over that of its readings, where the record states none.
+ASSUMED_NOISE = 0.01
+#: Prediction errors as a part of the readings from which on they are no noise of sensors, stated or not.
+_NO_NOISE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +99,12 @@ def judge_innovations(
 
     There are two replicates or more, of as many samples and of the same directions. Unforced directions contradict the model if
     their innovations are larger by 20 %, or are correlated in time; open ones among them only if they are clearly correlated.
-    Between 1.2 and 2.5 times the size is a doubt in their stead where the uncertainty of the model may make the excess: innovations
-    are correlated in time, as those of a narrow spectrum are, and the excess is less than three deviations of them among models
-    within the uncertainty. Where the record does not state the noise of its sensors (`has_stated_noise` false), only clear
-    correlation contradicts the model: the rest may be noise. Forced directions, and weak correlation in open ones, contradict it
-    only where all directions are forced, and are a note elsewhere. Nothing contradicts it where more independent unknown forces
-    act than sensors measure (`is_distributed`).
+    Between 1.2 and 2.5 times the size is a doubt in their stead where the uncertainty of the model may make the excess:
+    innovations are correlated in time, as those of a narrow spectrum are, and the excess is less than three deviations of them
+    among models within the uncertainty. Where the record does not state the noise of its sensors (`has_stated_noise` false),
+    only clear correlation, and errors of half of the readings or more, contradict the model: the rest may be noise. Forced
+    directions, and weak correlation in open ones, contradict it only where all directions are forced, and are a note elsewhere.
+    Nothing contradicts it where more independent unknown forces act than sensors measure (`is_distributed`).
 
     `spread` (n,) is the root mean square, over samples and models within the uncertainty, of their innovations of the record less
     those of the filter, in the directions of `record`; 0 where the model is exact.
@@ -128,17 +132,22 @@ def judge_innovations(
             f" {found}; more unknown forces than sensors cannot tell which, and bands may miss the truth; compare"
             " with a sensor that is left out",
         )
-    if unforced and not clear and not has_stated_noise:
+    is_assumed = not (has_stated_noise or _larger(*columns(~forced), _NO_NOISE / ASSUMED_NOISE - 1))
+    if unforced and not clear and is_assumed:
         return InnovationVerdict(
             False,
-            f"{unforced}, and no choice of these forces explains it; the record states no noise, so that 1 % of each sensor's"
-            " reading was assumed: state the noise; if it is not that large, the model is wrong, and bands may miss the truth",
+            f"{unforced}, and no choice of these forces explains it; the record states no noise, so that"
+            f" {100 * ASSUMED_NOISE:g} % of each sensor's reading was assumed: state the noise; if it is not that large, the model"
+            " is wrong, and bands may miss the truth",
         )
     if unforced:
+        noise = (
+            "than stated" if has_stated_noise else f"than the {100 * ASSUMED_NOISE:g} % of its reading that is assumed"
+        )
         return InnovationVerdict(
             True,
             f"the model does not explain the record: {unforced}, and no choice of these forces explains it; the model is wrong,"
-            " a force acts where none is named, or the sensors have more noise than stated, and bands may miss the truth",
+            f" a force acts where none is named, or the sensors have more noise {noise}, and bands may miss the truth",
         )
     if doubt:
         return InnovationVerdict(

@@ -10,11 +10,9 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.prediction.recovery import OutputMap
+from structid.prediction.sensing.innovations import ASSUMED_NOISE
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
-
-#: Standard deviation of the noise of a sensor over the root mean square that it reads, where the record states no noise.
-_NOISE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +75,7 @@ class Channels:
             raise InputError(f"`leave_out` names {missing[0]}, which the record does not have")
         variance = record.variance
         if variance is None:
-            variance = (_NOISE * record.values.std(axis=0)) ** 2
+            variance = (ASSUMED_NOISE * record.values.std(axis=0)) ** 2
         rows = range(len(record.channels))
         loads = [i for i in rows if quantities[i] == "force"]
         used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left_out]
