@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import HealthCheck, settings
 
-from structid.cli import progress
+from structid.cli import console
 
 settings.register_profile("structid", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("structid")
@@ -15,5 +15,5 @@ settings.load_profile("structid")
 def _no_progress_lines():
     """No command that is called in this process adds a line of progress to its errors, however long it takes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(progress, "_LINE_SECONDS", math.inf)
+        patch.setattr(console, "_LINE_SECONDS", math.inf)
         yield

@@ -27,9 +27,8 @@ from virtual_sensing import STEPS, moved_by, sampled
 
 import structid as sid
 from structid.prediction.identified_model import IdentifiedModel, identified_model
-from structid.prediction.sensing.forces import UnknownForces
-from structid.prediction.sensing.result import SensedMotion
-from structid.prediction.sensing.sense import sense
+from structid.prediction.sensing.sense import SensedMotion, sense
+from structid.prediction.sensing.state_equations import UnknownForces
 
 RATE = 100.0
 #: Frequency, Hz, below which accelerometers tell less than half of a displacement here.

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from structid import SpaceBeam, Structure
-from structid.compare.expansion import expand
+from structid.compare.mode_correlation import expand
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.dynamics import Modes

@@ -21,8 +21,8 @@ from virtual_sensing import STEPS, moved_by, random_force, sampled
 
 import structid as sid
 from structid.prediction.identified_model import IdentifiedModel, identified_model
-from structid.prediction.sensing.forces import UnknownForces
 from structid.prediction.sensing.sense import sense
+from structid.prediction.sensing.state_equations import UnknownForces
 
 RATE, NOISE, UNCERTAINTY, LOSS = 100.0, 0.01, 0.01, 0.03
 SPECTRA = ("correlation time", "band of noise", "sine")

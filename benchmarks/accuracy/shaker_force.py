@@ -21,9 +21,8 @@ from virtual_sensing import STEPS, moved_by, random_force, sampled
 
 import structid as sid
 from structid.prediction.identified_model import IdentifiedModel, identified_model
-from structid.prediction.sensing.forces import UnknownForces
-from structid.prediction.sensing.result import SensedMotion
-from structid.prediction.sensing.sense import sense
+from structid.prediction.sensing.sense import SensedMotion, sense
+from structid.prediction.sensing.state_equations import UnknownForces
 
 RATE, CORRELATION, FORCE = 1000.0, 2e-3, 10.0
 COLUMNS, ROWS = 8, 6

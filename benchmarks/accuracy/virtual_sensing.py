@@ -22,8 +22,8 @@ from tolerances import Rig, beam, matrices
 
 import structid as sid
 from structid.prediction.identified_model import identified_model
-from structid.prediction.sensing.forces import UnknownForces
 from structid.prediction.sensing.sense import sense
+from structid.prediction.sensing.state_equations import UnknownForces
 
 RATE, CORRELATION, FORCE, STEPS = 600.0, 0.02, 5.0, 8
 PUSHED, READ, MODES = ("3Y", "9Y"), ("2Y", "4Y", "8Y", "10Y"), 4

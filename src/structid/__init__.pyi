@@ -1,8 +1,8 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
 from structid._version import __version__ as __version__
-from structid.compare.expansion import expand as expand
 from structid.compare.mode_correlation import correlated_modes as correlated_modes
+from structid.compare.mode_correlation import expand as expand
 from structid.compare.response_correlation import correlated_responses as correlated_responses
 from structid.core.dof import Dof as Dof
 from structid.core.dof import parse_dof as parse_dof
@@ -106,8 +106,8 @@ from structid.prediction.quantities import NaturalModes as NaturalModes
 from structid.prediction.quantities import RootMeanSquare as RootMeanSquare
 from structid.prediction.quantities import Spectrum as Spectrum
 from structid.prediction.quantities import support_acceleration as support_acceleration
-from structid.prediction.sensing.forces import UnknownForces as UnknownForces
 from structid.prediction.sensing.sense import sense as sense
+from structid.prediction.sensing.state_equations import UnknownForces as UnknownForces
 from structid.prediction.state_space import state_space as state_space
 from structid.prediction.tuned_damper import tune_damper as tune_damper
 from structid.records import CsvLayout as CsvLayout

@@ -142,7 +142,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     Parameters
     ----------
     mass : (n_channels, n_channels) array
-        Mass matrix reduced to the channels; see `structid.compare.expansion`.
+        Mass matrix reduced to the channels; see `structid.compare.mode_correlation`.
     first : (n_channels, n_first) array, real or complex
         Mode shapes as columns.
     second : (n_channels, n_second) array, optional

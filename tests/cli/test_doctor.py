@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.cli.commands.doctor import installation
-from structid.cli.progress import RunProgress, clock
+from structid.cli.console import RunProgress, clock
 from structid.core.errors import InputError
 from structid.records import FrfRecord
 from structid.study.run import resources as resources_module
@@ -179,7 +179,7 @@ def test_the_limit_of_a_control_group_counts(tmp_path, monkeypatch):
 def test_progress_tells_the_time_left(monkeypatch):
     """Ten tasks of two seconds each, then iterations of one second with a limit of 100."""
     now = [0.0]
-    monkeypatch.setattr("structid.cli.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("structid.cli.console.time.monotonic", lambda: now[0])
     said: list[str] = []
 
     progress = RunProgress(100, lambda _name, _done, _total, words: said.append(words))

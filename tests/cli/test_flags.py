@@ -14,8 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from structid.cli.app import COMMANDS, JOBS, app
-from structid.cli.base import EXIT_CODES, reported
-from structid.cli.flags import command, flag_spellings, name_flags
+from structid.cli.base import EXIT_CODES, command, flag_spellings, name_flags, reported
 from structid.core.errors import InputError, NoModesError, StudyError
 from structid.modal.survey.options import ModesOptions
 from structid.records import CsvLayout, ReadOptions

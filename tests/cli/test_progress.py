@@ -2,7 +2,7 @@
 
 import pytest
 
-from structid.cli import progress as module
+from structid.cli import console as module
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 
 from structid import Beam, Structure
-from structid.compare.expansion import expand
+from structid.compare.mode_correlation import expand
 from structid.core.dof import parse_dofs
 from structid.dynamics.normal_modes import modes
 

@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 
 from structid import Beam, InputError, Structure
-from structid.compare.expansion import constrained_shapes, expand, reduced_mass, serep_basis
+from structid.compare.mode_correlation import constrained_shapes, expand, reduced_mass, serep_basis
 from structid.core.dof import parse_dofs
 from structid.dynamics.normal_modes import modes
 

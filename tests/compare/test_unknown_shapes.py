@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from structid import InputError, correlated_modes, load_study, pair_modes
 from structid.cli import app as cli
 from structid.compare.correlation import correlate, expanded_record
-from structid.compare.expansion import expand
+from structid.compare.mode_correlation import expand
 from structid.core.dof import parse_dofs
 from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import read_modes, write_modes

@@ -8,8 +8,7 @@ from solver_cases import CCX, needs_ccx, plate_deck
 
 from structid.core.errors import FileError, InputError
 from structid.modal.formats.files import read_modes
-from structid.prediction.element_values import element_values
-from structid.prediction.identified_model import identified_model
+from structid.prediction.identified_model import element_values, identified_model
 from structid.records.formats import write_record
 from structid.study.run.exported_deck import export_deck
 from structid.study.run.exports import model_modes

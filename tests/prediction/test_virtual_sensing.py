@@ -10,12 +10,11 @@ import structid as sid
 from structid.core.errors import InputError, NoAnswerError
 from structid.prediction.identified_model import identified_model
 from structid.prediction.recovery import parse_output
-from structid.prediction.sensing import force_search, kalman_filter, undetermined
+from structid.prediction.sensing import force_search, kalman_filter
 from structid.prediction.sensing import sense as sensing
 from structid.prediction.sensing.force_search import ChosenForces
-from structid.prediction.sensing.forces import ForceModel, ForceProcess
-from structid.prediction.sensing.kalman_filter import sum_of_powers
-from structid.prediction.sensing.smoother import error_spectra
+from structid.prediction.sensing.kalman_filter import error_spectra, sum_of_powers
+from structid.prediction.sensing.state_equations import ForceModel, ForceProcess
 
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
@@ -371,18 +370,18 @@ def test_bands_of_slow_motion_that_rest_on_the_spectrum_of_the_forces_are_told()
 
 def test_each_output_whose_band_rests_on_the_spectrum_is_named(monkeypatch):
     """The slow part of one output is not hidden by those that are told, or do not move at all."""
-    frequency = np.geomspace(1 / 10.0, RATE / 2, undetermined._LOOKED_AT)
+    frequency = np.geomspace(1 / 10.0, RATE / 2, sensing._LOOKED_AT)
     flat, slow = np.ones(len(frequency)), np.where(frequency < 1.0, 1.0, 1e-3)
     before = np.column_stack([flat, slow, 0 * flat, *[1e6 * flat] * 5, *[slow] * 4])
     after = np.column_stack([0.4 * flat, slow, 0 * flat, *[4e5 * flat] * 5, *[slow] * 4])
-    monkeypatch.setattr(undetermined, "error_spectra", lambda *_: (before, after))
+    monkeypatch.setattr(sensing, "error_spectra", lambda *_: (before, after))
     setup = SimpleNamespace(rate=RATE, driving=np.zeros((500, 0)))
     force = parse_output("N[bars:1@0]")
     outputs = (*(sid.parse_dof(f"{k}X") for k in range(1, 9)), force, *(sid.parse_dof(f"{k}X") for k in (9, 10, 11)))
-    (words,) = undetermined.slow_motion_words(setup, None, None, outputs, "velocity")
+    (words,) = sensing.slow_motion_words(setup, None, None, outputs, "velocity")
     assert "less than half of the velocity at 2X+, N[bars:1@0], the velocity at 9X+ and 2 more, and" in words
     assert "nan" not in words
-    assert undetermined.slow_motion_words(setup, None, None, outputs[:1], "velocity") == ()
+    assert sensing.slow_motion_words(setup, None, None, outputs[:1], "velocity") == ()
 
 
 def test_trials_of_a_frequency_without_an_answer_are_no_end_of_the_search(monkeypatch):

@@ -10,7 +10,7 @@ import structid as si
 from structid.core.dof import parse_dofs
 from structid.forward.frf.response import response
 from structid.identification.identify import Identification, IdentifyOptions, identify
-from structid.prediction.sensing.result import LeftOutSensor, SensedMotion
+from structid.prediction.sensing.sense import LeftOutSensor, SensedMotion
 from structid.records import FrfRecord
 from structid.unknowns.tolerances import EXACT
 

@@ -12,8 +12,7 @@ import typer
 from typer.core import CompletionItem, TyperCommand, TyperGroup
 
 from structid._version import __version__
-from structid.cli.base import DONE, EXIT_CODES
-from structid.cli.flags import command
+from structid.cli.base import DONE, EXIT_CODES, command
 
 if TYPE_CHECKING:
     from typer._click import Command, Context, HelpFormatter

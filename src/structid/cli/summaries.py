@@ -8,7 +8,7 @@ from statistics import median
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.cli.tables import groups, heading, new_table
+from structid.cli.console import groups, heading, new_table
 from structid.core.display import first_warnings, format_number, plural
 from structid.core.quantities import NOTHING, exact, number, percent, prefixed, span_text, with_std
 from structid.identification.alternatives import Alternatives

@@ -8,7 +8,7 @@ from rich.text import Text
 from structid.core.arrays import FloatArray, thin_band, thin_curve
 from structid.core.quantities import number
 from structid.prediction.recovery import output_unit
-from structid.prediction.sensing.result import LARGEST_CHECK, SensedMotion
+from structid.prediction.sensing.sense import LARGEST_CHECK, SensedMotion
 from structid.records.record import QUANTITY_UNITS
 from structid.report.drawing import palette
 from structid.report.figures.parameters import NORMAL_95

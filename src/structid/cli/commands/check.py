@@ -16,8 +16,8 @@ def check(study: StudyPath) -> None:
     Examples:
       structid check frame.toml
     """
+    from structid.cli.console import show
     from structid.cli.summaries import check_summary  # the help needs none of these
-    from structid.cli.tables import show
     from structid.inversion.estimate import Status
     from structid.records.formats import keep_records
     from structid.study.run.check import check_study

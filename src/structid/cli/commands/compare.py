@@ -40,8 +40,10 @@ def compare(
       structid compare before_results after_results --level 0.01
       structid compare before_results after.toml --unchanged mass --out damage
     """
-    from structid.cli.progress import run_progress  # the help needs none of these
-    from structid.cli.tables import show
+    from structid.cli.console import (
+        run_progress,  # the help needs none of these
+        show,
+    )
     from structid.compare.states import COMPARE_PAGE, comparison_summary
     from structid.compare.states import compare as compare_states
     from structid.core.json_types import json_text

@@ -33,7 +33,7 @@ def correlate(
       structid correlate frame.toml --at frame_results --out after
       structid correlate wing.toml --expansion dynamic --model-error 0.01
     """
-    from structid.cli.tables import show  # the help needs none of these
+    from structid.cli.console import show  # the help needs none of these
     from structid.compare.correlation import correlate as correlated
     from structid.compare.correlation import correlation_summary, expanded_record
     from structid.core.json_types import json_text

@@ -165,7 +165,7 @@ def needed_lines(needs: ResourceNeeds, duration: Duration, free: int, workers: i
 
     `free` is the free memory in bytes; `duration` is already that for so many workers. The first line is blank.
     """
-    from structid.cli.progress import clock
+    from structid.cli.console import clock
     from structid.study.run.resources import gigabytes
 
     size = needs.sizes
@@ -192,7 +192,7 @@ def _duration_words(duration: Duration) -> str:
 
     They say if a trial of the search came to its end; without one, the duration with a search for causes is told too.
     """
-    from structid.cli.progress import clock
+    from structid.cli.console import clock
 
     if duration.is_tried and duration.causes:
         return (

@@ -61,7 +61,7 @@ def export(
       structid export beam_results --state-space beam.mat --loads 8Y --sensors 4Y,8Y --band 0.5 60
       structid export beam_results --state-space beam.npz --loads 8Y --sensors 8Y --band 0.5 60 --sampling-rate 500 --draws 50
     """
-    from structid.cli.tables import new_table, show  # the help needs none of these
+    from structid.cli.console import new_table, show  # the help needs none of these
     from structid.study.results.stored_model import stored_model, stored_study
     from structid.study.run.exports import ExportFiles, list_offers, write_exports
 

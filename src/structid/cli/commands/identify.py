@@ -114,9 +114,8 @@ def identify(
       structid identify frame.toml --resume
       structid identify frame.toml --workers 8 --png
     """
-    from structid.cli.progress import ProgressFile, run_progress
+    from structid.cli.console import ProgressFile, run_progress, show
     from structid.cli.summaries import identification_summary  # the help needs none of these
-    from structid.cli.tables import show
     from structid.core.isolation import paths_as_called
     from structid.diagnose.diagnosis import budget_for_causes
     from structid.diagnose.search_budget import SearchBudget

@@ -59,7 +59,7 @@ def modes(
       structid modes year_2026 --track --out followed
       structid modes modes_of_a.uff modes_of_b.uff --merge --out tower
     """
-    from structid.cli.tables import show  # the help needs none of these
+    from structid.cli.console import show  # the help needs none of these
     from structid.modal.survey.setups import modes_of_setups
     from structid.modal.survey.survey import MODES_PAGE, modes_of_file
     from structid.report.modes import modes_page, modes_text
@@ -105,7 +105,7 @@ def _track(
     record being read with `read`. `geometry` is a file of node positions or None, `out` the results folder (None for
     its default name); `report` and `png` ask for the page and its figures.
     """
-    from structid.cli.tables import show  # the help needs none of these
+    from structid.cli.console import show  # the help needs none of these
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes
     from structid.modal.formats.recognition import holds_modes
@@ -147,7 +147,7 @@ def _merge(
     `out` the results folder (None for its default name). `InputError` if `options` or `read`, which have no use here,
     are not the defaults.
     """
-    from structid.cli.tables import show
+    from structid.cli.console import show
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes
     from structid.modal.merging import merged_setups

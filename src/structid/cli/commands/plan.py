@@ -51,7 +51,7 @@ def plan(
       structid plan frame.toml --sensors 4
       structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
     """
-    from structid.cli.tables import show  # the help needs none of these
+    from structid.cli.console import show  # the help needs none of these
     from structid.report.planning import plan_page, plan_text
     from structid.study.results.folder import staged_folder
     from structid.study.results.plan import PLAN_PAGE, write_plan

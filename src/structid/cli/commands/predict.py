@@ -56,7 +56,7 @@ def predict(
       structid predict tower_results --sensors 40X --damper 800,0.62,0.12@40X
       structid predict tower_results --sensors 40X --tune-damper 800@40X
     """
-    from structid.cli.tables import show  # the help needs none of these
+    from structid.cli.console import show  # the help needs none of these
     from structid.core.json_types import json_text
     from structid.report.prediction import prediction_page, prediction_text
     from structid.study.results.folder import staged_folder

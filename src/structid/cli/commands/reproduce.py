@@ -30,8 +30,10 @@ def reproduce(
       structid reproduce
       structid reproduce --chapter 4 --out chapter_4
     """
-    from structid.cli.progress import run_progress  # the help needs none of these
-    from structid.cli.tables import show
+    from structid.cli.console import (
+        run_progress,  # the help needs none of these
+        show,
+    )
     from structid.report.reproduce import write_reproduction
     from structid.reproduce import reproduction
 
@@ -45,7 +47,7 @@ def reproduce(
 
 def _summary(items: Iterable[ReproducedItem]) -> list[RenderableType]:
     """Table of all items with verdict and largest difference between computed and printed numbers, in a list."""
-    from structid.cli.tables import new_table
+    from structid.cli.console import new_table
     from structid.core.display import format_number
 
     table = new_table("item", "verdict", "largest difference", "title")

@@ -35,7 +35,7 @@ def sense(
       structid sense bridge_results traffic.csv --wanted 12Y,14Y --unknown 5Y,9Y
       structid sense tower_results wind.h5 --wanted 40X --unknown 10X,20X,30X --correlation-time 1 --leave-out 30X
     """
-    from structid.cli.tables import show  # the help needs none of these
+    from structid.cli.console import show  # the help needs none of these
     from structid.core.json_types import json_text
     from structid.report.sensing import SENSING_PAGE, sensing_page, sensing_text
     from structid.study.results.folder import staged_folder

@@ -11,10 +11,15 @@ from scipy.optimize import minimize, minimize_scalar
 from structid.core.arrays import FloatArray
 from structid.core.errors import NoAnswerError
 from structid.prediction.poles import ReducedMatrices
-from structid.prediction.sensing.forces import HIGHEST_ORDER, ForceProcess
 from structid.prediction.sensing.kalman_filter import filter_record, fit_record, log_likelihood, steady_filter
-from structid.prediction.sensing.setup import SensingSetup
-from structid.prediction.sensing.state_equations import StateEquations, state_equations, stationary_covariance
+from structid.prediction.sensing.state_equations import (
+    HIGHEST_ORDER,
+    ForceProcess,
+    SensingSetup,
+    StateEquations,
+    state_equations,
+    stationary_covariance,
+)
 
 #: Orders of magnitude below and above a first guess of the unknown forces between which their size is sought, to what part of one;
 #: of free structures, whose motion hardly says the size, as many above as below.

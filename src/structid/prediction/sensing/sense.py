@@ -1,20 +1,23 @@
-"""Motion where no sensor is, and forces that nobody measured, from a record of other places."""
+"""Motion where no sensor is, and forces that nobody measured, from a record of other places; with what it hardly determines."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray
+from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
+from structid.core.quantities import number, unit_text
 from structid.identification.identified import Identification
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.loads import band_limited_loads
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
-from structid.prediction.recovery import Output, distinct_channels, is_von_mises, output_map, parse_outputs
+from structid.prediction.recovery import Output, distinct_channels, is_von_mises, output_map, output_unit, parse_outputs
 from structid.prediction.sensing.force_search import (
     ChosenForces,
     likeliest_frequency,
@@ -22,19 +25,219 @@ from structid.prediction.sensing.force_search import (
     likeliest_std,
     likeliest_time,
 )
-from structid.prediction.sensing.forces import ForceProcess, UnknownForces, combine_forces, count_independent_forces
 from structid.prediction.sensing.innovations import InnovationVerdict, judge_innovations
-from structid.prediction.sensing.kalman_filter import filter_record, fit_record, innovations_of, simulate_record
-from structid.prediction.sensing.result import LeftOutSensor, SensedMotion
-from structid.prediction.sensing.setup import Channels, SensingSetup
-from structid.prediction.sensing.smoother import Smoothed, smooth, smoothed_outputs
-from structid.prediction.sensing.undetermined import (
-    distributed_force_words,
-    slow_motion_words,
-    undetermined_force_words,
+from structid.prediction.sensing.kalman_filter import (
+    Smoothed,
+    error_spectra,
+    filter_record,
+    fit_record,
+    innovations_of,
+    simulate_record,
+    smooth,
+    smoothed_outputs,
+)
+from structid.prediction.sensing.state_equations import (
+    Channels,
+    ForceProcess,
+    SensingSetup,
+    UnknownForces,
+    combine_forces,
+    count_independent_forces,
 )
 from structid.records import TimeRecord
-from structid.records.record import MOTION_DERIVATIVES
+from structid.records.record import MOTION_DERIVATIVES, QUANTITY_UNITS
+
+#: Part of the variance of a force before the record that remains, above which the record hardly determines it.
+_UNSEEN = 0.9
+#: Part of a combination of forces below which a force is not named in it.
+_NAMED = 0.3
+#: Lines at which what the sensors tell of a motion is looked at, and part of its remaining variance from lines where they tell less
+#: than half of it, from which on its band rests on the spectrum of the forces.
+_LOOKED_AT, _RESTING = 40, 0.3
+
+
+def slow_motion_words(
+    setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess, outputs: Sequence[Output], motion: str
+) -> tuple[str, ...]:
+    """Sentence on those of `outputs` whose bands rest on the spectrum that was estimated for the forces; () if none do.
+
+    Bands do so where, from the lowest frequency on, more than half of the variance of the motion remains open, and this
+    makes over 30 % of the variance of its error. Accelerometers hardly tell slow motion: their noise hides it. Its band
+    is then that of forces whose size at low frequencies follows from a spectrum fitted to high ones. `outputs` are the
+    first of the outputs of the filter; `motion` is the word for what is sensed. `reduced` is the structure on its
+    modes, `process` that of each unknown force.
+    """
+    frequency = np.geomspace(setup.rate / len(setup.driving), setup.rate / 2, _LOOKED_AT)
+    tables = error_spectra(setup, reduced, process, frequency)
+    total, left = (table[:, : len(outputs)] * frequency[:, None] for table in tables)
+    slow = np.logical_and.accumulate(left > total / 2)  # from the lowest line on, without gaps
+    whole = left.sum(axis=0)
+    part = np.divide((left * slow).sum(axis=0), whole, out=np.zeros(len(outputs)), where=whole > 0)
+    resting = np.flatnonzero(part > _RESTING)
+    if not len(resting):
+        return ()
+    limits = [format_number(float(frequency[n - 1]), 2) for n in sorted(slow[:, resting].sum(axis=0).tolist())]
+    parts = [f"{100 * each:.0f}" for each in sorted(part[resting].tolist())]
+    below, percent = (" to ".join(dict.fromkeys((words[0], words[-1]))) for words in (limits, parts))
+    names = [f"the {motion} at {each}" if isinstance(each, Dof) else str(each) for each in outputs]
+    return (
+        f"below {below} Hz these sensors tell less than half of {join_words([names[i] for i in resting], 3)}, and {percent} % of"
+        " the variance of the error comes from there: such a band rests on the spectrum that is taken for the unknown forces, and"
+        " is far too narrow if they have more slow parts, as under vehicles that cross; measure a displacement or an inclination"
+        " too",
+    )
+
+
+def undetermined_force_words(forces: Sequence[Dof], covariance: FloatArray, std: float) -> tuple[str, ...]:
+    """Sentences on forces, and combinations of them, that the record hardly determines; () if there are none.
+
+    Hardly means that more than 90 % of the variance remains. `covariance` (n_forces, n_forces) is that of the forces after the
+    record, `std` the deviation of each before it, N.
+    """
+    if not forces:
+        return ()
+    remaining = covariance / std**2
+    blind = [dof for dof, part in zip(forces, np.diag(remaining), strict=True) if part > _UNSEEN]
+    words = [f"the record hardly determines the force at {join_words(blind)}: no sensor moves with it"] if blind else []
+    parts, directions = np.linalg.eigh(remaining)
+    for part, direction in zip(parts, directions.T, strict=True):
+        largest = float(direction[np.argmax(np.abs(direction))])
+        named = [(weight / largest, dof) for weight, dof in zip(direction.tolist(), forces, strict=True)]
+        named = [(weight, dof) for weight, dof in named if abs(weight) > _NAMED]
+        if part > _UNSEEN and len(named) > 1 and not all(dof in blind for _, dof in named):
+            text = " ".join(f"{'-' if weight < 0 else '+'} {abs(weight):.2g} {dof.place}" for weight, dof in named)
+            words.append(
+                f"the record hardly determines the forces {text.removeprefix('+ ')} together: their sum moves no sensor"
+            )
+    return tuple(words)
+
+
+def distributed_force_words(n_forces: int, n_sensors: int) -> str:
+    """A sentence on more unknown forces than sensors."""
+    return (
+        f"{n_forces} unknown forces act and {n_sensors} sensors measure: the record tells what they do to the motion, hardly each"
+        " of them; a wrong model and forces of another spectrum look the same"
+    )
+
+
+#: Error of a sensor that was left out, over its stated deviation, from which on the model or the forces are wrong there.
+LARGEST_CHECK = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutSensor:
+    """A sensor that was not used, and the motion that is sensed there.
+
+    Attributes
+    ----------
+    dof : Dof
+    motion : {"displacement", "velocity", "acceleration"}
+    measured, sensed : (n_times,) float arrays
+        SI units.
+    std : (n_times,) float array
+        Stated deviation of measured less sensed: that of what is sensed, and the noise of the sensor.
+    """
+
+    dof: Dof
+    motion: str
+    measured: FloatArray
+    sensed: FloatArray
+    std: FloatArray
+
+    @property
+    def ratio(self) -> float:
+        """Root mean square of measured less sensed over the stated deviation: 1 is right."""
+        return float(np.sqrt(np.mean(((self.measured - self.sensed) / self.std) ** 2)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SensedMotion(Shown):
+    """Motion and forces during a record, each with its standard deviation.
+
+    Attributes
+    ----------
+    time : (n_times,) float array
+        s.
+    outputs : tuple of Dof or ElementOutput
+    motion : {"displacement", "velocity", "acceleration"}
+    values, std : (n_times, n_outputs) float arrays
+        SI units: of motions, or of what is read from elements.
+    force_dofs : tuple of Dof
+    forces, force_std : (n_times, n_forces) float arrays
+        The unknown forces, N or N m.
+    prior_std : float
+        Standard deviation of the unknown forces before the record; NaN where there are none.
+    correlation_time : float
+        Of the unknown forces, s, as stated or as the record makes likeliest; NaN where there are none.
+    left_out : tuple of LeftOutSensor
+        Sensors that were not used, but compared.
+    words : tuple of str
+        What the record does not tell.
+    contradiction : str
+        A sentence on how the record contradicts the model; "" where it does not.
+    force_frequency : float
+        About which the spectrum of the unknown forces lies, Hz; 0 where it falls from 0 Hz on, NaN where there are none.
+    force_order : int
+        The spectrum of the unknown forces falls with the frequency to the power -2 `force_order`, 1 to 3.
+    """
+
+    time: FloatArray
+    outputs: tuple[Output, ...]
+    motion: str
+    values: FloatArray
+    std: FloatArray
+    force_dofs: tuple[Dof, ...]
+    forces: FloatArray
+    force_std: FloatArray
+    prior_std: float
+    correlation_time: float
+    left_out: tuple[LeftOutSensor, ...] = ()
+    words: tuple[str, ...] = ()
+    contradiction: str = ""
+    force_frequency: float = float("nan")
+    force_order: int = 1
+
+    @property
+    def checks(self) -> tuple[tuple[Dof, float], ...]:
+        """Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right."""
+        return tuple((sensor.dof, sensor.ratio) for sensor in self.left_out)
+
+    @property
+    def is_explained(self) -> bool:
+        """True where the model explains the record, also at the sensors that were left out."""
+        return not self.contradiction and all(z < LARGEST_CHECK for _, z in self.checks)
+
+    def unit_of(self, output: Output) -> str:
+        """SI unit of the values of `output`: that of the motion along or about it, or of what is read from an element."""
+        return output_unit(output) or QUANTITY_UNITS[self.motion][isinstance(output, Dof) and output.is_rotation]
+
+    def overview(self) -> Overview:
+        """A table with the RMS over the record of each output and force and of its deviation, and checks of left-out sensors."""
+        rows = [
+            (
+                name,
+                number(float(np.sqrt(np.mean(value**2))), 3),
+                number(float(np.sqrt(np.mean(std**2))), 2),
+                unit_text(unit),
+            )
+            for name, unit, value, std in zip(
+                (*map(str, self.outputs), *(f"force at {dof}" for dof in self.force_dofs)),
+                (
+                    *map(self.unit_of, self.outputs),
+                    *(QUANTITY_UNITS["force"][dof.is_rotation] for dof in self.force_dofs),
+                ),
+                (*self.values.T, *self.forces.T),
+                (*self.std.T, *self.force_std.T),
+                strict=True,
+            )
+        ]
+        told = "".join(f"; {dof}, left out: {format_number(z, 3)} times its stated deviation" for dof, z in self.checks)
+        return Overview(
+            f"{self.motion} at {join_words(self.outputs)} over {len(self.time)} samples{told}",
+            ("where", "rms", "± rms", "unit"),
+            rows,
+        )
+
 
 #: Motions by their derivatives of displacement.
 MOTIONS = tuple(sorted(MOTION_DERIVATIVES, key=MOTION_DERIVATIVES.__getitem__))

@@ -1,16 +1,304 @@
-"""Motion of modes under known and unknown forces, as state equations from sample to sample."""
+"""Motion of modes under known and unknown forces, as state equations from sample to sample.
+
+A `SensingSetup` has the channels of a record by role and the outputs that are asked of it; each unknown force is a
+`ForceProcess` with equations of its own.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, signal
 
 from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError, NoAnswerError
+from structid.fem import Structure
 from structid.prediction.poles import ReducedMatrices
-from structid.prediction.sensing.forces import ForceModel, ForceProcess, combine_forces
-from structid.prediction.sensing.setup import SensingSetup
+from structid.prediction.recovery import OutputMap
+from structid.prediction.sensing.innovations import ASSUMED_NOISE
+from structid.records import TimeRecord
+from structid.records.record import MOTION_DERIVATIVES
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Channels of a record by role: known forces, sensors that are used, sensors that are left out.
+
+    Attributes
+    ----------
+    loads, sensors, left : tuple of Dof
+    known, measured, left_values : (n_times, n) float arrays
+    derivatives, left_derivatives : tuple of int
+        0 to 2 of displacement to acceleration.
+    variance, left_variance : (n,) float arrays
+        Of the noise of each sensor.
+    has_stated_noise : bool
+        False where the record states none, and a part of the size of each sensor is taken.
+    """
+
+    loads: tuple[Dof, ...]
+    sensors: tuple[Dof, ...]
+    left: tuple[Dof, ...]
+    known: FloatArray
+    measured: FloatArray
+    left_values: FloatArray
+    derivatives: tuple[int, ...]
+    left_derivatives: tuple[int, ...]
+    variance: FloatArray
+    left_variance: FloatArray
+    has_stated_noise: bool
+
+    @property
+    def readings(self) -> FloatArray:
+        """Readings of the used sensors in standard deviations of their noise, (n_times, n_used)."""
+        return self.measured / np.sqrt(self.variance)
+
+    @classmethod
+    def of_record(cls, record: TimeRecord, left_out: tuple[Dof, ...]) -> Channels:
+        """Channels of a record by role: known forces, sensors that are used, and those in `left_out`, only compared.
+
+        Where the record states no noise, 1 % of the standard deviation of each sensor is taken.
+
+        `InputError` if `left_out` names a force or no channel, the record holds other quantities or no motion, or a
+        sensor has no noise.
+        """
+        quantities = record.quantities
+        pushed = [
+            str(dof)
+            for dof, what in zip(record.channels, quantities, strict=True)
+            if what == "force" and dof in left_out
+        ]
+        if pushed:
+            raise InputError(
+                f"`leave_out` names {pushed[0]}, a force of the record; name sensors, whose motion is compared"
+            )
+        other = [str(quantity) for quantity in quantities if quantity not in (*MOTION_DERIVATIVES, "force")]
+        if other:
+            raise InputError(f"the record holds {other[0]}; motion at other places takes forces and motions alone")
+        missing = [str(dof) for dof in left_out if dof not in record.channels]
+        if missing:
+            raise InputError(f"`leave_out` names {missing[0]}, which the record does not have")
+        variance = record.variance
+        if variance is None:
+            variance = (ASSUMED_NOISE * record.values.std(axis=0)) ** 2
+        rows = range(len(record.channels))
+        loads = [i for i in rows if quantities[i] == "force"]
+        used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left_out]
+        out = [i for i in rows if quantities[i] != "force" and record.channels[i] in left_out]
+        if not used:
+            raise InputError(
+                "the record has no motion to sense from; use one with displacements, velocities or accelerations"
+            )
+        silent = [i for i in (*used, *out) if not np.asarray(variance)[i] > 0]
+        if silent:
+            what = "states no noise and reads a constant" if record.variance is None else "has a noise of 0"
+            raise InputError(
+                f"sensor {record.channels[silent[0]]} {what}; take it out of the record, or state its noise"
+            )
+
+        def dofs(index: list[int]) -> tuple[Dof, ...]:
+            return tuple(record.channels[i] for i in index)
+
+        def order(index: list[int]) -> tuple[int, ...]:
+            return tuple(MOTION_DERIVATIVES[quantities[i]] for i in index)
+
+        return cls(
+            dofs(loads), dofs(used), dofs(out),
+            record.values[:, loads], record.values[:, used], record.values[:, out],
+            order(used), order(out), np.asarray(variance)[used], np.asarray(variance)[out],
+            record.variance is not None,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SensingSetup:
+    """A record by channels, and the outputs that are asked of it.
+
+    Attributes
+    ----------
+    channels : Channels
+    driving : (n_times, n_known) float array
+        The known forces between samples, see `band_limited_loads`.
+    n_forces : int
+        Unknown forces, the last inputs.
+    is_filtered : bool
+        Whether the record went through a filter against aliasing.
+    rate : float
+        Samples per second.
+    read : OutputMap
+        Outputs that are asked for, behind used and left-out sensors among those of the model.
+    is_distributed : bool
+        Whether more independent unknown forces act than sensors are used.
+    """
+
+    channels: Channels
+    driving: FloatArray
+    n_forces: int
+    is_filtered: bool
+    rate: float
+    read: OutputMap
+    is_distributed: bool
+
+
+#: Filter against aliasing: elliptic, order, ripple and attenuation in dB, passing up to half the sampling rate. It must be steep:
+#: lightly damped modes just above ring in whatever it lets through. Deviations of accelerations are those of the errors behind a
+#: filter that halves what is at half the sampling rate, and wider than the errors behind one that ends before.
+_FILTER = 9, 0.1, 80.0
+#: Rate at which each low-pass of a force forgets its input, over one by the correlation time, for each order that is tried: the
+#: correlation time is the integral of the correlation from 0 on (without a frequency), which is exp(-|t| / T) for order 1.
+_FADING = {1: 1.0, 2: 2.0, 3: 8 / 3}
+HIGHEST_ORDER = max(_FADING)
+#: Part of the sum of squares of what forces move, below which a combination of them moves nothing.
+_DEPENDENT = 1e-10
+
+
+@dataclass(frozen=True)
+class UnknownForces:
+    """Forces that act and were not measured: independent, stationary, with the covariance std^2 exp(-|t| / correlation_time).
+
+    Parameters
+    ----------
+    dofs : sequence of Dof or str
+        Where they act.
+    correlation_time : float, optional
+        s; short for wind or traffic, long for what changes slowly. By default the shortest one under which the record is as
+        likely, but for chance, as under any; where that does not fit, and neither it nor `std` is stated, the spectrum of the
+        forces may fall more steeply, as behind two or three low-passes of first order, and lie about the likeliest frequency:
+        the correlation time is then the integral of the correlation, or of its envelope, from 0 on.
+    std : float, optional
+        N; the one under which the record is likeliest by default.
+    """
+
+    dofs: Sequence[Dof | str]
+    correlation_time: float | None = None
+    std: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise `InputError` where no force is named, or for a correlation time or standard deviation that is not positive."""
+        if not len(self.dofs):
+            raise InputError(
+                "`dofs` of unknown forces must name where they act, got none; leave `unknown` out if there are none"
+            )
+        if self.correlation_time is not None and not (np.isfinite(self.correlation_time) and self.correlation_time > 0):
+            raise InputError(f"`correlation_time` must be greater than 0 s, got {self.correlation_time:g}")
+        if self.std is not None and not (np.isfinite(self.std) and self.std > 0):
+            raise InputError(f"`std` of unknown forces must be greater than 0 N, got {self.std:g}")
+
+
+@dataclass(frozen=True)
+class ForceProcess:
+    """The stationary process that each unknown force is taken to be, independent of the others.
+
+    Attributes
+    ----------
+    correlation_time : float
+        s, the integral of the correlation, or of its envelope, from 0 on.
+    std : float
+        Standard deviation, N.
+    frequency : float
+        Hz, about which the spectrum lies; 0 where it falls from 0 Hz on.
+    order : int
+        Far from its middle the spectrum falls with the frequency to the power -2 order; 1 to `HIGHEST_ORDER`.
+    """
+
+    correlation_time: float
+    std: float
+    frequency: float = 0.0
+    order: int = 1
+
+
+@cache
+def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Filter against aliasing for a sampling `rate` in Hz, as (a, b, c, d) of x' = a x + b u and y = c x + d u.
+
+    a is (n, n), b and c are (n,), d is a number; without a rate n is 0 and d is 1.
+    """
+    if rate is None:
+        return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+    corner = np.pi * rate
+    a, b, c, d = signal.zpk2ss(*signal.ellip(*_FILTER, 1.0, analog=True, output="zpk"))
+    return corner * a, corner * b[:, 0], c[0], float(d[0, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class ForceModel:
+    """An unknown force of unit variance: z' = dynamics z + white noise of density `noise`; force = output z.
+
+    Attributes
+    ----------
+    dynamics : (n, n) float array
+        1/s. Low-passes of first order in a row, each of one state, or of two where there is a frequency; the last one is the
+        force. A filter against aliasing follows.
+    noise : (n,) float array
+        Square of each state per second.
+    output : (n,) float array
+    """
+
+    dynamics: FloatArray
+    noise: FloatArray
+    output: FloatArray
+
+    @classmethod
+    def of(cls, process: ForceProcess, filtered_rate: float | None) -> ForceModel:
+        """Model of a force of the spectrum of `process`, of unit variance: states, white noise behind them, output.
+
+        The force is white noise behind low-passes of first order in a row, about a frequency if the process has one,
+        and as a record filtered for the sampling rate `filtered_rate`, Hz, holds it; None means without filter.
+        `NoAnswerError` if the force is so near to a sine that its covariance loses its digits.
+        """
+        frequency, order = process.frequency, process.order
+        inner, entry, output, direct = _aliasing_filter(filtered_rate)
+        n_each = 2 if frequency else 1
+        n_own, fade = order * n_each, _FADING[order] / process.correlation_time
+        turning = 2 * np.pi * frequency * np.array([[0.0, -1.0], [1.0, 0.0]])[:n_each, :n_each]
+        stage = turning - fade * np.eye(n_each)
+        dynamics = np.zeros((n_own + len(inner),) * 2)
+        dynamics[:n_own, :n_own] = np.kron(np.eye(order), stage) + fade * np.kron(np.eye(order, k=-1), np.eye(n_each))
+        dynamics[n_own:, n_own - n_each], dynamics[n_own:, n_own:] = entry, inner
+        white = np.where(np.arange(len(dynamics)) < n_each, 2 * fade, 0.0)
+        covariance = linalg.solve_continuous_lyapunov(dynamics, -np.diag(white))
+        if not np.diag(covariance).min() > 0:
+            raise NoAnswerError(
+                "the unknown forces are so near to a sine that their covariance has lost its digits; state a shorter"
+                " `correlation_time`"
+            )
+        size = np.sqrt(np.diag(covariance))
+        read = np.concatenate([np.zeros(n_own - n_each), [direct], np.zeros(n_each - 1), output])
+        scaled = dynamics * size / size[:, None]  # states of unit variance, for the digits of the filter
+        return cls(scaled, white / size**2, read * size / np.sqrt(read @ covariance @ read))
+
+
+def count_independent_forces(structure: Structure, forces: Sequence[Dof]) -> int:
+    """Number of the unknown forces that move a structure independently of each other; those on one rigid part may not.
+
+    It is the rank of their columns over the degrees of freedom; 0 without `forces`.
+    """
+    if not forces:
+        return 0
+    columns = structure.selection(forces)
+    products = (columns.T @ columns).toarray()
+    return int(np.linalg.matrix_rank(products, tol=_DEPENDENT * float(np.trace(products)), hermitian=True))
+
+
+def combine_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fewest independent forces of one spectrum that do to the modes what `inputs` of that spectrum do.
+
+    `inputs` (n_modes, n_forces) are the modal forces of unit forces. Returns the modal forces of each combination,
+    (n_modes, n_combined), and the part of each in the forces, (n_forces, n_combined). Combinations that move no mode
+    are left out; `inputs` and the identity are returned if all forces are independent.
+    """
+    if not inputs.size:
+        return inputs, np.eye(inputs.shape[1])
+    modal, sizes, parts = np.linalg.svd(inputs, full_matrices=False)
+    n_combined = max(int((sizes > np.sqrt(_DEPENDENT) * sizes[0]).sum()), 1)
+    if n_combined == inputs.shape[1]:
+        return inputs, np.eye(n_combined)
+    return modal[:, :n_combined] * sizes[:n_combined], parts[:n_combined].T
+
 
 #: Variance, in units of a state's own size, by which every modal state moves at random in a time 1 / reference: so small that it
 #: shows nowhere, so that no state is known without error and the equations for the steady gains have a solution.

@@ -21,7 +21,7 @@ from structid.fem.elements import ELEMENT_TYPES
 from structid.fem.meshes import ABAQUS, NASTRAN, Mesh, read_mesh
 from structid.files import atomic_write, require_readable
 from structid.files.uff.datasets import real_number
-from structid.prediction.element_values import ElementValues
+from structid.prediction.identified_model import ElementValues
 from structid.study.schema.study import Study
 
 DECK_SUFFIXES = (*NASTRAN.SUFFIXES, *ABAQUS.SUFFIXES)

@@ -35,8 +35,7 @@ from structid.files import atomic_write, csv_text
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.modal.formats.options import CSV_SUFFIXES, JSON_SUFFIXES, WRITTEN_SUFFIXES
-from structid.prediction.element_values import ElementValues, element_values
-from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.identified_model import ElementValues, IdentifiedModel, element_values
 from structid.prediction.options import ExportOptions
 from structid.prediction.quantities import NaturalModes
 from structid.prediction.state_space import state_space

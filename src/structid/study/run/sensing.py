@@ -13,9 +13,8 @@ from structid.core.json_types import StoredEntry
 from structid.files import csv_text
 from structid.prediction.options import SenseOptions
 from structid.prediction.recovery import distinct_channels, output_unit, parse_outputs
-from structid.prediction.sensing.forces import UnknownForces
-from structid.prediction.sensing.result import SensedMotion
-from structid.prediction.sensing.sense import sense
+from structid.prediction.sensing.sense import SensedMotion, sense
+from structid.prediction.sensing.state_equations import UnknownForces
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.records.record import QUANTITY_UNITS
 from structid.study.results.stored_model import stored_doubt, stored_model, stored_study

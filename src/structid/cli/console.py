@@ -1,19 +1,60 @@
-"""Progress of a run on stderr: a bar with the time left on a terminal, a line now and then where there is none."""
+"""What the command line shows: text and tables on standard output, and the progress of a run on stderr.
+
+Progress is a bar with the time left on a terminal, and a line now and then where there is none.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
 
+from structid.core.display import MOST_WARNINGS, first_warnings
 from structid.core.json_types import StoredEntry
+
+if TYPE_CHECKING:
+    from structid.inversion import Identifiability
+
+_WIDTH_OF_FILES = 1000
+_MOST_GROUPS = 3
+
+
+def show(parts: Iterable[RenderableType]) -> None:
+    """Print `parts` on standard output, as wide as the terminal; 1000 characters wide if it is not a terminal."""
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)
+    for part in parts:
+        console.print(part)
+
+
+def heading(title: str, warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[RenderableType]:
+    """Title and the first `most` warnings as styled texts."""
+    return [Text(title, style="bold"), *(Text(words, style="yellow") for words in first_warnings(warnings, most))]
+
+
+def new_table(*columns: str) -> Table:
+    """Table without lines, with these column headings; text in its first column is wrapped, in others it may be cut."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for i, column in enumerate(columns):
+        table.add_column(column, overflow="fold" if i == 0 else "ellipsis")
+    return table
+
+
+def groups(identifiability: Identifiability) -> list[RenderableType]:
+    """The groups of parameters that the data see together, the worst determined ones, in words."""
+    return [Text(group.words) for group in identifiability.groups[:_MOST_GROUPS]]
+
 
 _LINE_SECONDS = 60.0
 #: Part of the time left, and seconds of it at least, by which an estimate of the end may be off before it is set anew.
