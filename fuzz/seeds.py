@@ -35,7 +35,7 @@ from structid.records import FrfRecord, TimeRecord
 from structid.records.formats import LOGGERS, write_record
 from structid.records.formats.geometry import Geometry
 from structid.records.formats.layout import fields_of
-from structid.study.run.checkpoint import Checkpoint
+from structid.study.run.long_run import Checkpoint
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -23,7 +23,7 @@ from structid.records.formats import ReadOptions, read_record
 from structid.records.formats.geometry import read_geometry
 from structid.records.formats.spectra import read_correlation, read_spectrum
 from structid.records.on_disk import open_record
-from structid.study.run.checkpoint import Checkpoint
+from structid.study.run.long_run import Checkpoint
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 

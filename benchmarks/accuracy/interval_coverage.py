@@ -26,7 +26,7 @@ from structid.inversion.intervals.bootstrap import bootstrap, bootstrap_repeats
 from structid.inversion.intervals.profile import profile
 from structid.inversion.intervals.sampling import sample
 from structid.records import with_coherence_noise
-from structid.unknowns.transforms import Transforms
+from structid.unknowns.named_unknowns import Transforms
 
 MASS, STIFFNESS = (1.2, 1.4, 1.6, 1.8), (1000.0, 1100.0, 1200.0, 1300.0)
 

@@ -77,7 +77,7 @@ from structid.inversion import MatrixFree as MatrixFree
 from structid.inversion import Search as Search
 from structid.inversion import Status as Status
 from structid.inversion.estimate import estimate as estimate
-from structid.inversion.search.gauss_newton import GaussNewton as GaussNewton
+from structid.inversion.search.levenberg_marquardt import GaussNewton as GaussNewton
 from structid.inversion.state_comparison import Comparison as Comparison
 from structid.inversion.state_comparison import compare_jointly as compare_jointly
 from structid.inversion.state_comparison import compare_states as compare_states

@@ -16,7 +16,7 @@ from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.records.formats import read_record, write_record
-from structid.study.results.suggestions import suggestion_text
+from structid.study.run.diagnosis import suggestion_text
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 

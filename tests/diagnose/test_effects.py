@@ -26,7 +26,7 @@ from structid.diagnose.study_tables import NoStudyTextError
 from structid.diagnose.tested_model import TestedModel
 from structid.forward import FrfProblem, SpectraProblem
 from structid.records.formats import read_record, write_record
-from structid.study.results.suggestions import suggestion_text
+from structid.study.run.diagnosis import suggestion_text
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 

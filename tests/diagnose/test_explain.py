@@ -19,8 +19,7 @@ from structid.diagnose.screening import _exchanged, _faulty
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Cause, ParameterShift, are_causes, judged
 from structid.records.formats import read_record, write_record
-from structid.study.results.suggestions import suggestion_text
-from structid.study.run.diagnosis import diagnose_study
+from structid.study.run.diagnosis import diagnose_study, suggestion_text
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study

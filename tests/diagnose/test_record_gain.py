@@ -17,8 +17,7 @@ from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import PLAIN_CONTEXT
 from structid.records import FrfRecord
 from structid.records.formats import write_record
-from structid.study.results.suggestions import suggestion_text
-from structid.study.run.diagnosis import diagnose_study
+from structid.study.run.diagnosis import diagnose_study, suggestion_text
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.study import load_study

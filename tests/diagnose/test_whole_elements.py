@@ -13,7 +13,7 @@ from structid.diagnose.receptances import receptances_at
 from structid.diagnose.score_test import point_at
 from structid.diagnose.tested_model import TestedModel
 from structid.forward import FrfProblem
-from structid.study.results.suggestions import suggestion_text
+from structid.study.run.diagnosis import suggestion_text
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study
 

@@ -29,9 +29,8 @@ from structid.diagnose.thresholds import FINALISTS, FIRST_CAUSE_TIME, IDENTIFICA
 from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
-from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.long_run import LongRun
+from structid.study.run.long_run import Checkpoint, LongRun, fingerprint
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study
 from structid.study.run.workers import Processes

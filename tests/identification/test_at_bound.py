@@ -7,8 +7,8 @@ from chain_cases import bounded, chain, found, record
 from structid import FrfProblem, Status
 from structid.diagnose.verdict import judged
 from structid.inversion import LevenbergMarquardt
+from structid.inversion.composed_problems import FixedVariables
 from structid.inversion.search.least_squares import minimize
-from structid.inversion.wrapped_problem import FixedVariables
 
 
 def profiled(value, answer):

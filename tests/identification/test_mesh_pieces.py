@@ -17,8 +17,7 @@ from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run import run as study_run
-from structid.study.run.checkpoint import Checkpoint, fingerprint
-from structid.study.run.long_run import LongRun
+from structid.study.run.long_run import Checkpoint, LongRun, fingerprint
 from structid.study.run.run import run_study
 from structid.study.run.start import load_setups, with_pieces
 from structid.study.schema.study import load_study

@@ -26,8 +26,7 @@ from structid.identification.varying import _p_values
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import SERIAL
 from structid.records.formats import write_record
-from structid.study.results.suggestions import suggestion_text
-from structid.study.run.diagnosis import diagnose_study
+from structid.study.run.diagnosis import diagnose_study, suggestion_text
 from structid.study.run.run import run_prepared
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study

@@ -7,12 +7,12 @@ from scipy import stats
 import structid as sid
 from structid import JointProblem, MatrixFree, estimate
 from structid.identification.warning_words import estimate_warnings
-from structid.inversion.averaging import expected_square, normal_values, score_factor, square_variance
 from structid.inversion.covariance import row_law
 from structid.inversion.estimate import expected_per_row
 from structid.inversion.intervals.bootstrap import bootstrap
 from structid.inversion.intervals.profile import profile
 from structid.inversion.intervals.sampling import sample
+from structid.inversion.problem import expected_square, normal_values, score_factor, square_variance
 from structid.records import with_coherence_noise
 
 FREE = ("k1", "k2", "m1", "c1")

@@ -9,8 +9,8 @@ from test_matrix_free import field
 
 from structid.core.errors import InputError
 from structid.inversion import JointProblem, MatrixFree, Problem
+from structid.inversion.composed_problems import Wrapped
 from structid.inversion.estimate import estimate
-from structid.inversion.wrapped_problem import Wrapped
 
 
 @dataclass(frozen=True, eq=False)

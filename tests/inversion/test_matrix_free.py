@@ -21,8 +21,8 @@ from structid.inversion import (
     minimize,
 )
 from structid.inversion.estimate import estimate
+from structid.inversion.linearization import conjugate_gradients, preconditioner
 from structid.inversion.posterior_draws import posterior_draws, solved_std
-from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
 from structid.inversion.search.least_squares import dense_search_fits
 from structid.inversion.search.within_tolerances import FixedValues
 

@@ -10,8 +10,8 @@ from structid import estimate
 from structid.core.arrays import locked
 from structid.core.errors import InputError
 from structid.inversion import DenseCovariance
+from structid.inversion.intervals import to_arviz
 from structid.inversion.intervals.bootstrap import bootstrap
-from structid.inversion.intervals.intervals import to_arviz
 from structid.inversion.intervals.profile import profile
 from structid.inversion.intervals.sampling import (
     Samples,

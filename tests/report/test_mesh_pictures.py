@@ -8,11 +8,10 @@ import pytest
 from page_parts import pieces
 
 from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse_dof
-from structid.report.drawing import faces
-from structid.report.drawing.changes import Change, shading
+from structid.report.drawing import picture
 from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.picture import SPACE_AXES
-from structid.report.figures.structure import structure_figure
+from structid.report.figures.structure import Change, shading, structure_figure
 from structid.report.rendering.plot import Area, Curve
 from structid.report.rendering.png import drawn as png_drawn
 
@@ -112,7 +111,7 @@ def test_nodes_that_other_elements_use_are_always_drawn():
 
 def test_large_meshes_have_no_nodes_drawn(monkeypatch):
     nodes, cells = tube()
-    monkeypatch.setattr(faces, "_MOST_PAIRS", 10)
+    monkeypatch.setattr(picture, "_MOST_PAIRS", 10)
     drawn = structure_picture(Structure(nodes, [Shell("tube", cells, thickness=0.01, **GIVEN)]), [parse_dof("1Z")], [])
     assert node_texts(drawn) == []
     png_drawn(structure_figure(drawn))
@@ -130,7 +129,7 @@ def test_flat_cells_keep_a_gap_and_names_stand_where_they_are_seen():
     behind = Shell("behind", [[1, 2, 3, 4], [5, 6, 7, 8]], thickness=0.01, **GIVEN)
     before = Shell("before", [[9, 10, 11, 12]], thickness=0.01, **GIVEN)
     marks = structure_picture(Structure(nodes, [behind, before]), [], []).marks
-    named = {mark.element: mark for mark in faces.labelled_marks(marks)}
+    named = {mark.element: mark for mark in picture.labelled_marks(marks)}
     assert named["behind"].index == 1  # the other square is covered
     assert named["before"].index == 0
 

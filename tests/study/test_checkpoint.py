@@ -26,8 +26,7 @@ from structid.inversion import (
     minimize,
 )
 from structid.records.formats import write_record
-from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
-from structid.study.run.long_run import LongRun
+from structid.study.run.long_run import Checkpoint, LongRun, checkpoint_folder, fingerprint
 from structid.study.run.run import run_study
 from structid.study.run.start import prepare_study, study_problems
 from structid.study.schema.study import load_study

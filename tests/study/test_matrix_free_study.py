@@ -25,7 +25,7 @@ from structid.inversion.search import least_squares
 from structid.report.rendering import png
 from structid.study.run import check
 from structid.study.run.check import check_study
-from structid.study.run.checkpoint import checkpoint_folder
+from structid.study.run.long_run import checkpoint_folder
 from structid.study.run.run import is_matrix_free, run_study
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import load_study

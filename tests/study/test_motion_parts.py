@@ -18,8 +18,8 @@ from structid.records import TimeRecord
 from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
 from structid.study.run import motion
+from structid.study.run.long_run import start_workers
 from structid.study.run.motion import MotionTaskData, reduced_alone, reduced_on, segments, unusable
-from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes
 from structid.study.schema.study import load_study
 

@@ -23,8 +23,7 @@ from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.estimate import estimate
 from structid.inversion.intervals.nuts import begun, continued
 from structid.inversion.intervals.sampling import sample
-from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
-from structid.study.run.long_run import LongRun
+from structid.study.run.long_run import Checkpoint, LongRun, checkpoint_folder, fingerprint
 from structid.study.run.run import run_study
 from structid.study.run.workers import Processes
 from structid.study.schema.study import load_study

@@ -21,10 +21,9 @@ from structid.fem import ELEMENT_TYPES
 from structid.fem.elements.element import declarations
 from structid.inversion.search.least_squares import Method
 from structid.study.json_schema import study_schema, study_table
-from structid.study.schema.kinds import kind_of
 from structid.study.schema.method import _make_options, method_table
 from structid.study.schema.model.structure import element_table
-from structid.study.schema.tables import Table
+from structid.study.schema.tables import Table, kind_of
 from study_cases import CHAIN, replaced, write_chain
 
 ROOT = Path(__file__).parents[2]

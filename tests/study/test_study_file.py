@@ -18,7 +18,7 @@ from scipy import sparse
 from structid.core.errors import InputError
 from structid.fem import ELEMENT_TYPES, Beam, Structure
 from structid.inversion import LevenbergMarquardt
-from structid.inversion.search.gauss_newton import GaussNewton
+from structid.inversion.search.levenberg_marquardt import GaussNewton
 from structid.study.json_schema import study_schema
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, line_of, replaced, write_chain

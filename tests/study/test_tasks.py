@@ -26,12 +26,10 @@ from structid.inversion.intervals.bootstrap import bootstrap
 from structid.inversion.intervals.profile import profiles
 from structid.inversion.search.work import TaskContext
 from structid.study.run import workers as workers_module
-from structid.study.run.checkpoint import Checkpoint
-from structid.study.run.long_run import LongRun, SpreadLines, spread
+from structid.study.run.long_run import Checkpoint, LongRun, SpreadLines, spread, start_workers
 from structid.study.run.piped import ProcessLostError
 from structid.study.run.run import run_study
 from structid.study.run.start import prepare_study
-from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain

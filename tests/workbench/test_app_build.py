@@ -11,7 +11,7 @@ from browser_cases import accessible, eventually, frames, shown, step, write_by_
 
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.section import read_root
-from structid.workbench.work.model import element_kinds
+from structid.workbench.work.scene import element_kinds
 
 require_workbench()
 # the driver leaves sockets to the garbage collector

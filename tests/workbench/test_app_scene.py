@@ -13,8 +13,7 @@ from app_cases import ROOT
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.section import read_root
 from structid.study.templates import TEMPLATES, template_with, write_study
-from structid.workbench.work.model import read_model
-from structid.workbench.work.scene import placed_channels, scene
+from structid.workbench.work.scene import placed_channels, read_model, scene
 
 CUBES = """\
 title = "Two cubes"

@@ -1,4 +1,4 @@
-"""What the command line shows: text and tables on standard output, and the progress of a run on stderr.
+"""Output of the command line: text and tables on standard output, and the progress of a run on stderr.
 
 Progress is a bar with the time left on a terminal, and a line now and then where there is none.
 """

@@ -15,9 +15,9 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
 from structid.study.results.result import UPDATED, StudyResult
-from structid.study.results.suggestions import FOLDER as SUGGESTIONS
 from structid.study.results.view import MOST_ADVICE, PARAMETERS, ResultsView
 from structid.study.run.check import CheckResult
+from structid.study.run.diagnosis import FOLDER as SUGGESTIONS
 
 #: Rows of parameters that are printed; those that are not determined come first where there are more.
 _MOST_ROWS, _MOST_CHANGES, _MOST_CAUSES = 24, 10, 5

@@ -12,9 +12,8 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
-from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.named_unknowns import NamedUnknowns, Transform, Transforms
 from structid.unknowns.priors import Prior, priors_of
-from structid.unknowns.transforms import Transform, Transforms
 
 ChannelProperty = Literal["gain", "delay", "polarity", "window_decay"]
 #: Unit, start and transform of each kind of channel error; polarity is not continuous and has none.

@@ -13,10 +13,9 @@ from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, Cha
 from structid.forward.record_problem import RecordProblem
 from structid.inversion.fixed_values import FIXED
 from structid.unknowns import Parameters
-from structid.unknowns.named_unknowns import N, NamedUnknowns, join_unknowns
+from structid.unknowns.named_unknowns import N, NamedUnknowns, Transform, Transforms, join_unknowns
 from structid.unknowns.priors import no_priors
 from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, relative_sensitivities
-from structid.unknowns.transforms import Transform, Transforms
 
 
 def with_fixed_values(

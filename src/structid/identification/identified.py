@@ -28,7 +28,7 @@ from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
 from structid.inversion.estimate import Value
-from structid.inversion.intervals.intervals import Intervals
+from structid.inversion.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters

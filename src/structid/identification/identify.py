@@ -28,7 +28,7 @@ from structid.identification.setups.setup import AnySetup, RecordSetup, prefixes
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_warning, unused_damping
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
-from structid.inversion.intervals.intervals import parameter_intervals
+from structid.inversion.intervals import parameter_intervals
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.records import FrfRecord
 from structid.unknowns import Parameters

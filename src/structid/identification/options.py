@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from structid.core.constraints import Count, Limits, NotNegative, Positive, require_band
 from structid.forward.frf.continuation import START_ERROR
 from structid.inversion import LevenbergMarquardt, Method
-from structid.inversion.intervals.intervals import IntervalKind
+from structid.inversion.intervals import IntervalKind
 from structid.unknowns import Regularization
 from structid.unknowns.tolerances import Tolerances
 
@@ -67,7 +67,7 @@ class IdentifyOptions:
         Whether the parameters are searched for without a Jacobian; by default where one is too large.
     intervals : {"laplace", "profile", "bootstrap", "sampling"}
         How the 95 % interval of each parameter is found, in rising order of cost; see
-        `structid.inversion.intervals.intervals`.
+        `structid.inversion.intervals`.
     direction : str, optional
         Translation of the total mass; the first that has mass by default.
     n_modes : int

@@ -6,9 +6,8 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.inversion.averaging import expected_square, few_averages, square_variance
 from structid.inversion.linearization import Linearization, triangle_of
-from structid.inversion.problem import Problem
+from structid.inversion.problem import Problem, expected_square, few_averages, square_variance
 
 _FEWEST_BLOCKS = 10
 _FEWEST_CHANNELS = 4

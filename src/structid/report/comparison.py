@@ -11,7 +11,9 @@ from structid.core.display import first_warnings
 from structid.core.quantities import number, percent, prefixed, with_std
 from structid.inversion.state_comparison import Comparison
 from structid.report.drawing import palette
-from structid.report.drawing.changes import (
+from structid.report.drawing.drawing import structure_picture
+from structid.report.figures.parameters import NORMAL_95
+from structid.report.figures.structure import (
     KINDS,
     Change,
     Changes,
@@ -20,13 +22,10 @@ from structid.report.drawing.changes import (
     properties_of,
     round_limit,
     shading,
+    structure_figure,
 )
-from structid.report.drawing.drawing import structure_picture
-from structid.report.figures.parameters import NORMAL_95
-from structid.report.figures.structure import structure_figure
-from structid.report.page import Page
+from structid.report.page import Page, Table, printed
 from structid.report.rendering import plot
-from structid.report.tables import Table, printed
 
 _HEADER = (
     "Parameter", "Baseline", "Later", "Unit", "Change", "Std", "p", "Declared", "Detection limit",

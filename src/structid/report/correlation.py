@@ -19,9 +19,8 @@ from structid.core.quantities import NOTHING, likeness, number, percent
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.figures.side_by_side import side_by_side_figure
-from structid.report.page import Page
+from structid.report.page import Page, Table, printed, provenance_table
 from structid.report.rendering import plot
-from structid.report.tables import Table, printed, provenance_table
 
 if TYPE_CHECKING:
     from structid.compare.correlation import StudyCorrelation

@@ -21,11 +21,17 @@ from structid.inversion import Status
 from structid.report import identification_tables as tables
 from structid.report.correlation import side_by_side_chapter
 from structid.report.drawing import palette
-from structid.report.drawing.changes import Change, Shading, round_limit, shading, shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.picture import Picture
-from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
-from structid.report.figures.parameters import convergence_figure, correlation_figure, parameters_figure
+from structid.report.figures.parameters import (
+    band_used,
+    convergence_figure,
+    correlation_figure,
+    modal_fit_figure,
+    mode_rows,
+    modes_figure,
+    parameters_figure,
+)
 from structid.report.figures.responses import (
     extremes_figure,
     residual_channels_figure,
@@ -33,11 +39,10 @@ from structid.report.figures.responses import (
     responses_figure,
 )
 from structid.report.figures.side_by_side import model_shapes_figure
-from structid.report.figures.structure import structure_figure
+from structid.report.figures.structure import Change, Shading, round_limit, shading, shadings, structure_figure
 from structid.report.identification_tables import modal_cards, modal_facts, modal_table, mode_table, ratio_table
-from structid.report.page import Page
+from structid.report.page import Page, Table, provenance_table
 from structid.report.rendering import plot
-from structid.report.tables import Table, provenance_table
 from structid.study.results.view import MOST_ADVICE, ResultsView, largest_changes, results_view, search_reason
 
 if TYPE_CHECKING:

@@ -31,8 +31,8 @@ from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
 from structid.identification.varying import Varied
 from structid.inversion import Estimate
-from structid.report.figures.modes import ModeRows
-from structid.report.tables import Table
+from structid.report.figures.parameters import ModeRows
+from structid.report.page import Table
 from structid.study.results.view import ResultsView
 
 if TYPE_CHECKING:

@@ -28,8 +28,7 @@ from structid.report.figures.survey import (
     stabilization_figure,
     tracks_figure,
 )
-from structid.report.page import Page
-from structid.report.tables import Table, printed, provenance_table
+from structid.report.page import Page, Table, printed, provenance_table
 from structid.similarity import mac
 
 _HEADER = (

@@ -11,15 +11,14 @@ from rich.text import Text
 from structid.core.display import join_words, plural
 from structid.core.dof import Dof
 from structid.core.quantities import exact, prefixed
-from structid.inversion.diagnostics.identifiability import percent_text
+from structid.inversion.identifiability import percent_text
 from structid.planning.planned import Plan, PlannedTest
 from structid.records.record import FRF_UNITS
 from structid.report.drawing import palette
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.structure import structure_figure
-from structid.report.page import Page
+from structid.report.page import Page, Table, printed
 from structid.report.rendering import plot
-from structid.report.tables import Table, printed
 from structid.study.results.plan import PLAN_PAGE
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40

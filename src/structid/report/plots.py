@@ -14,14 +14,19 @@ from structid.fem import Structure
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.modal.survey.survey import ModesResult
-from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
-from structid.report.figures.modes import band_used, mode_rows, modes_figure
-from structid.report.figures.parameters import convergence_figure, correlation_figure, parameters_figure
+from structid.report.figures.parameters import (
+    band_used,
+    convergence_figure,
+    correlation_figure,
+    mode_rows,
+    modes_figure,
+    parameters_figure,
+)
 from structid.report.figures.responses import residual_map_figure, responses_figure, worst_channels
 from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.side_by_side import model_shapes_figure
-from structid.report.figures.structure import structure_figure
+from structid.report.figures.structure import shadings, structure_figure
 from structid.report.figures.survey import stabilization_figure
 from structid.report.rendering.plot import Figure
 from structid.report.rendering.png import plotted

@@ -13,8 +13,7 @@ from structid.prediction.predict import PredictedChange, Prediction
 from structid.prediction.quantities import Frf
 from structid.prediction.tuned_damper import TunedDamper
 from structid.report.figures.prediction import frf_figure, history_figure, spectrum_figure
-from structid.report.page import Page
-from structid.report.tables import Table, printed
+from structid.report.page import Page, Table, printed
 from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
 
 #: Part of a value that rounding makes at most.

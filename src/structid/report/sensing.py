@@ -13,9 +13,8 @@ from structid.records.record import QUANTITY_UNITS
 from structid.report.drawing import palette
 from structid.report.figures.parameters import NORMAL_95
 from structid.report.figures.prediction import MOST_POINTS, band, one_at_a_time, thinning_clause
-from structid.report.page import Page
+from structid.report.page import Page, Table, printed
 from structid.report.rendering import plot
-from structid.report.tables import Table, printed
 
 SENSING_PAGE = "sensed.html"
 

@@ -6,26 +6,25 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 
-from structid.study.schema import kinds
-from structid.study.schema.kinds import Schema
+from structid.study.schema import tables
 from structid.study.schema.method import method_table
 from structid.study.schema.model.matrices import MATRICES
 from structid.study.schema.model.structure import changes_table, structure_table
 from structid.study.schema.plan import PLAN
 from structid.study.schema.records.record import record_table
 from structid.study.schema.section import SECTIONS
-from structid.study.schema.tables import Table
+from structid.study.schema.tables import Schema, Table
 from structid.study.schema.unknowns import PRIOR, REGULARIZATION, UNKNOWN
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_NAMED: dict[str, kinds.Kind | Table] = {
-    "text": kinds.TEXT,
-    "texts": kinds.TEXTS,
-    "numbers": kinds.NUMBERS,
-    "property": kinds.PROPERTY,
-    "position": kinds.POSITION,
-    "nodes": kinds.NODES,
-    "range": kinds.RANGE,
+_NAMED: dict[str, tables.Kind | Table] = {
+    "text": tables.TEXT,
+    "texts": tables.TEXTS,
+    "numbers": tables.NUMBERS,
+    "property": tables.PROPERTY,
+    "position": tables.POSITION,
+    "nodes": tables.NODES,
+    "range": tables.RANGE,
     "prior": PRIOR,
     "matrices": MATRICES,
 }

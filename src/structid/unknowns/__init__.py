@@ -1,10 +1,9 @@
 """Unknown parameters: names, units, groups of elements, transforms, bounds and priors."""
 
-from structid.unknowns.named_unknowns import NamedUnknowns
+from structid.unknowns.named_unknowns import NamedUnknowns, Transforms
 from structid.unknowns.parameters import Parameters, Scatter, own_values, parameters, with_scatter
 from structid.unknowns.penalties import Regularization, Smoothness, Sparsity, penalty, term_name
 from structid.unknowns.priors import Coupling, Prior, joint_prior
-from structid.unknowns.transforms import Transforms
 from structid.unknowns.unknown import Field, Unknown
 
 __all__ = [

@@ -16,9 +16,8 @@ from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.errors import InputError, require_class
 from structid.fem import Structure
 from structid.inversion.problem import OF_RECORD
-from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, begun_at
+from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, Transform, Transforms, begun_at
 from structid.unknowns.priors import Coupling, Prior, no_priors, priors_of
-from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import ParameterGroup, Unknown, element_sets, label_of, parameter_group, require_distinct
 
 #: Scatter, in parts, from which a choice by the data begins.

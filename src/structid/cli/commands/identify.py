@@ -32,8 +32,7 @@ from structid.cli.base import (
 if TYPE_CHECKING:
     from structid.diagnose.refits import FittedModel
     from structid.study.results.result import StudyResult
-    from structid.study.run.checkpoint import Checkpoint
-    from structid.study.run.long_run import LongRun
+    from structid.study.run.long_run import Checkpoint, LongRun
 
 
 def _least_time(seconds: float) -> float:
@@ -121,12 +120,9 @@ def identify(
     from structid.diagnose.search_budget import SearchBudget
     from structid.inversion.estimate import Status
     from structid.study.results.folder import staged_folder
-    from structid.study.results.suggestions import write_suggestions
-    from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
-    from structid.study.run.diagnosis import diagnose_study
-    from structid.study.run.long_run import LongRun
+    from structid.study.run.diagnosis import diagnose_study, write_suggestions
+    from structid.study.run.long_run import Checkpoint, LongRun, checkpoint_folder, fingerprint, start_workers
     from structid.study.run.run import confirm_result, relinearized_study, run_prepared
-    from structid.study.run.start_workers import start_workers
     from structid.study.run.workers import WorkersLostError
     from structid.study.schema.study import load_study
 

@@ -13,8 +13,8 @@ from structid.core.display import plural
 from structid.forward import RecordProblem
 from structid.forward.modal import compares_modes
 from structid.inversion import Estimate
-from structid.inversion.averaging import expected_square
 from structid.inversion.fixed_values import FIXED
+from structid.inversion.problem import expected_square
 
 #: Probability, of all parts together, below which noise is not why a part is missed.
 _RISK = 1e-3

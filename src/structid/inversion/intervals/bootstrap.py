@@ -11,13 +11,12 @@ from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError, SingularModelError, StructidError
-from structid.inversion.averaging import few_averages, score_factor
+from structid.inversion.composed_problems import ShiftedResidual
 from structid.inversion.covariance import LEAST_FREEDOM, effective_blocks, error_blocks
 from structid.inversion.estimate import Estimate, Status, require_level
-from structid.inversion.problem import Problem
+from structid.inversion.problem import Problem, few_averages, score_factor
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
-from structid.inversion.wrapped_problem import ShiftedResidual
 
 BootstrapKind = Literal["noise", "blocks"]
 Record = TypeVar("Record")

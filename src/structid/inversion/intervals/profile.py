@@ -10,14 +10,13 @@ from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError, SingularModelError
-from structid.inversion.averaging import few_averages
+from structid.inversion.composed_problems import FixedVariables
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
-from structid.inversion.problem import Problem
+from structid.inversion.problem import Problem, few_averages
 from structid.inversion.search.least_squares import StoredValues, minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
-from structid.inversion.wrapped_problem import FixedVariables
 
 _SEARCH = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-8, initial_damping=1e-4)
 _END_TOLERANCE = 2e-3

@@ -11,12 +11,11 @@ from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError, SingularModelError
-from structid.inversion.averaging import few_averages
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
-from structid.inversion.intervals.intervals import WITH_EXTRA
+from structid.inversion.intervals import WITH_EXTRA
 from structid.inversion.intervals.nuts import begun, continued, restored
-from structid.inversion.problem import Problem
+from structid.inversion.problem import Problem, few_averages
 from structid.inversion.search.least_squares import StoredValues
 from structid.inversion.search.work import SERIAL, TaskContext, TaskExecutor
 

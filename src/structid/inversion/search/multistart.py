@@ -12,7 +12,6 @@ from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError, SingularModelError
-from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import ContinuationPath, Problem, Schedule
 from structid.inversion.search.least_squares import (
@@ -34,6 +33,7 @@ from structid.inversion.search.work import (
     restored_minimum,
     stored_minimum,
 )
+from structid.inversion.uncertainty import at_bounds
 
 _SPREAD = 0.2
 _SAME = 3.0

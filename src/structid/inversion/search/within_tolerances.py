@@ -11,12 +11,12 @@ import numpy as np
 from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import StructidError
+from structid.inversion.composed_problems import FixedVariables
 from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, explained_part
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import Method, Progress, minimize, squared
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.wrapped_problem import FixedVariables
 
 #: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)

@@ -16,8 +16,18 @@ from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.fem.supports import Constraint, RigidLink
 from structid.report.drawing import palette, symbols
-from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
-from structid.report.drawing.picture import Mark, Picture, curve, is_spatial, paper_axes, points
+from structid.report.drawing.picture import (
+    Mark,
+    Picture,
+    cell_faces,
+    curve,
+    hidden_nodes,
+    is_cells,
+    is_spatial,
+    labelled_marks,
+    paper_axes,
+    points,
+)
 from structid.report.rendering import plot
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from structid.fem import Structure
 from structid.fem.measuring_points import AimedSensor
 from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
-from structid.report.drawing.faces import cell_edges, is_cells
+from structid.report.drawing.picture import cell_edges, is_cells
 from structid.report.rendering import plot
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import AppliedRegularization
 from structid.inversion import Estimate
-from structid.inversion.diagnostics.bounds import AtBound
+from structid.inversion.uncertainty import AtBound
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.result import StudyResult
 from structid.study.results.view import (

@@ -31,8 +31,8 @@ from structid.identification.warning_words import (
     unidentified_warnings,
 )
 from structid.inversion import Estimate, Status
-from structid.inversion.diagnostics.bounds import AtBound
 from structid.inversion.search.least_squares import dense_search_fits
+from structid.inversion.uncertainty import AtBound
 
 #: Parameters of a search without a Jacobian that the view and estimate.json list, those that moved most.
 MOST_CHANGES = 50

@@ -1,25 +1,137 @@
-"""The diagnosis of a study: its verdict, and its causes as studies ready to run."""
+"""The diagnosis of a study: its verdict, and its causes as studies ready to run, with the lines in which they differ."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import difflib
+import os
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from structid.core.errors import InputError
 from structid.diagnose.diagnosis import diagnose_identification
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
+from structid.diagnose.verdict import Cause, Diagnosis, Judgement, is_sound
 from structid.identification.fits.model_modes import structure_modes
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.results.result import StudyResult
-from structid.study.results.suggestions import with_suggestions
 from structid.study.run.start import PreparedStudy
 from structid.study.run.workers import threads_for
+from structid.study.schema.edits import changed_text
 from structid.study.schema.records.record import read_histories
+from structid.study.schema.study import Study
 
 if TYPE_CHECKING:
+    from structid.diagnose.modified_model import Change
     from structid.diagnose.refits import FittedModel
+
+
+FOLDER = "suggestions"
+
+
+def suggestion_name(number: int, changes: Sequence[Change]) -> str:
+    """File name of a suggested study, made of its number and the places of its changes, such as ``1-support-9Y.toml``."""
+    words = " ".join(f"{one.candidate.place[0]} {' '.join(one.candidate.where[:2])}" for one in changes)
+    return f"{number}-{re.sub(r'[^A-Za-z0-9]+', '-', words).strip('-')[:60]}.toml"
+
+
+def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple[str, ...]]:
+    """The text of a study file after `changes`, with its comments, and the lines that were added or removed.
+
+    These lines begin with "+ " or "- "; blank ones are left out. `InputError` if the file cannot hold a change.
+    """
+
+    def change_tables(tables: dict[str, Any]) -> None:
+        for change in changes:
+            for edit in change.edits:
+                edit.write(tables)
+
+    text = changed_text(study.text, change_tables)
+    lines = difflib.ndiff(study.text.splitlines(), text.splitlines())
+    return text, tuple(line for line in lines if line[:2] in ("+ ", "- ") and line[2:].strip())
+
+
+def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[FittedModel]) -> Diagnosis:
+    """The diagnosis with, for each refitted cause, the path of a suggested study file and the lines that differ.
+
+    `fits` are the refits of the causes that have one, in their order; if the diagnosis has no causes, they are those of
+    its suggested changes. A cause is unchanged if the study file cannot hold its change.
+    """
+    changes = iter(fits)
+    number = 0
+
+    def suggested(cause: Cause) -> Cause:
+        """The cause with the path of its suggested study file in the results folder, and the lines of it that differ.
+
+        Files are numbered from 1. A cause is unchanged if it has no refit, or a study file cannot hold its change.
+        """
+        nonlocal number
+        if not cause.has_fit:
+            return cause
+        number += 1
+        own = next(changes).modified.changes
+        try:
+            lines = suggestion_text(study, own)[1]
+        except InputError:  # the change has no line in a file that is written so
+            return cause
+        return replace(cause, study=f"{FOLDER}/{suggestion_name(number, own)}", lines=lines)
+
+    named = tuple(suggested(cause) for cause in diagnosis.named) if fits else diagnosis.named
+    return replace(diagnosis, causes=named) if diagnosis.causes else replace(diagnosis, suggestions=named)
+
+
+def write_suggestions(result: StudyResult, fits: Sequence[FittedModel], folder: Path, target: Path) -> None:
+    """Write the suggested study file of each cause that has one into `folder`, whose content later moves to `target`.
+
+    `fits` are the refits of the causes that have one, in the order of the causes. Nothing is written if no cause has a
+    study.
+    """
+    diagnosis = result.diagnosis
+    causes: Sequence[Cause] = () if diagnosis is None else diagnosis.named
+    if not any(cause.study for cause in causes):
+        return
+    (folder / FOLDER).mkdir()
+    for cause, fit in zip([cause for cause in causes if cause.has_fit], fits, strict=True):
+        if cause.study:
+            title = f"{result.study.title}, if {cause.words}"
+            write_suggestion(result.study, fit.modified.changes, folder / cause.study, target / FOLDER, title)
+
+
+def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder: Path, title: str) -> None:
+    """Write the study with `changes` and a new `title` to the file `path`, which will later stand in `folder`.
+
+    Relative paths of its input files are rewritten so that they are right from `folder`.
+    """
+    away = Path(os.path.relpath(study.path.parent.resolve(), folder.resolve()))
+    names = {name for name in study.digests if name != study.path.name}
+
+    def retitle_and_move(tables: Any) -> None:
+        tables["title"] = title
+        _move_paths(tables, names, away)
+
+    text = changed_text(suggestion_text(study, changes)[0], retitle_and_move)
+    schema = re.match(r"#:schema (?!\w+://)(\S+)", text)
+    if schema:
+        text = text.replace(schema[1], (away / schema[1]).as_posix(), 1)
+    path.write_bytes(text.encode("utf-8"))
+
+
+def _move_paths(table: Any, names: set[str], away: Path) -> None:
+    """Rewrite, in place, the relative paths among the texts of a table or list for use from another folder.
+
+    `names` are the texts that are paths of input files; `away` leads from the new folder to that of the study.
+    """
+    items = list(table.items()) if isinstance(table, dict) else list(enumerate(table))
+    for key, value in items:
+        if isinstance(value, str):
+            if Path(value).as_posix() in names and not Path(value).is_absolute():
+                table[key] = (away / value).as_posix()
+        elif isinstance(value, dict | list):
+            _move_paths(value, names, away)
+
 
 #: Modes of a model that windows may blur.
 _MOST_MODES = 12

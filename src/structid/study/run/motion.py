@@ -34,7 +34,7 @@ from structid.inversion import Status
 from structid.inversion.regression.local_reduction import FoldingKernels, has_numba
 from structid.inversion.search.work import TaskContext
 from structid.records.on_disk import OnDiskRecord, open_record
-from structid.study.run.start_workers import start_workers
+from structid.study.run.long_run import start_workers
 from structid.study.run.workers import Workers
 from structid.study.schema.study import Study, load_study
 from structid.unknowns import Parameters

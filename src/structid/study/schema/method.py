@@ -9,11 +9,9 @@ from typing import TypeVar
 
 from structid.core.constraints import declared_types, parameter_descriptions
 from structid.identification.options import IdentifyOptions
-from structid.inversion.search.gauss_newton import GaussNewton
-from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.study.schema.kinds import choice
+from structid.inversion.search.levenberg_marquardt import GaussNewton, LevenbergMarquardt
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, Table, table_of
+from structid.study.schema.tables import Given, Key, Table, choice, table_of
 
 #: Fields that the file knows by another name.
 _NAMES = {"direction": "total_mass_direction"}

@@ -23,13 +23,12 @@ from structid.planning.plan import plan, resolve_options
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.records.scatter import missing_floor
-from structid.study.schema.kinds import COUNT, NOISE_PART, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.section import InputFiles, Section, read_root, record_sections, title_of
-from structid.study.schema.tables import Given, Key, table_of
+from structid.study.schema.tables import COUNT, NOISE_PART, NUMBERS, RANGE, Given, Key, as_list, choice, table_of
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters
 from structid.unknowns.tolerances import Tolerances

@@ -18,8 +18,7 @@ from structid.core.json_types import JsonValue
 from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
 from structid.inversion.search.work import SERIAL, TaskExecutor
-from structid.study.schema.kinds import TEXT, Kind
-from structid.study.schema.tables import Given, Key, Table, own_table
+from structid.study.schema.tables import TEXT, Given, Key, Kind, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, parse_toml, toml_lines
 
 if TYPE_CHECKING:

@@ -9,9 +9,8 @@ from structid.core.constraints import Positive
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown
-from structid.study.schema.kinds import as_list, choice
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, table_of
+from structid.study.schema.tables import Key, as_list, choice, table_of
 from structid.unknowns import Field, Parameters, Prior, Regularization, Smoothness, Sparsity, Unknown, penalty
 from structid.unknowns.parameters import parameters
 from structid.unknowns.priors import PriorKind

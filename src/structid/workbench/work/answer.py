@@ -15,9 +15,9 @@ from structid.files.hdf5 import hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
-from structid.report.drawing.changes import Change, IdentifiedParameters, Shading, element_style, parameter_shadings
 from structid.report.drawing.palette import steps
 from structid.report.figures.responses import channel_unit
+from structid.report.figures.structure import Change, IdentifiedParameters, Shading, element_style, parameter_shadings
 from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run.exports import model_modes, node_translations
 from structid.study.schema.study import Study

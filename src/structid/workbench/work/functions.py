@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from structid.core.errors import InputError, StructidError
 from structid.workbench.folder import EXPORTS, OpenFolder
-from structid.workbench.work.model import LOOKING
+from structid.workbench.work.scene import LOOKING
 
 if TYPE_CHECKING:  # NumPy comes with it, which the server does without
     from structid.core.json_types import StoredEntry
@@ -71,9 +71,8 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
     ``record`` lists the record's file names, of which the first is read; ``channels`` is as from `placed_channels`.
     `InputError` if that file is missing.
     """
-    from structid.study.schema.kinds import as_list
-    from structid.workbench.work.model import read_model, read_record_section
-    from structid.workbench.work.scene import placed_channels
+    from structid.study.schema.tables import as_list
+    from structid.workbench.work.scene import placed_channels, read_model, read_record_section
     from structid.workbench.work.signals import channels, options_of
 
     path = opened.inside(study)
@@ -105,7 +104,7 @@ def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any])
 
 
 def _kinds(_: OpenFolder) -> StoredEntry:
-    from structid.workbench.work.model import element_kinds
+    from structid.workbench.work.scene import element_kinds
 
     return element_kinds()
 
@@ -147,7 +146,7 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int =
     """
     from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
-    from structid.workbench.work.model import read_record_source
+    from structid.workbench.work.scene import read_record_source
     from structid.workbench.work.signals import responses
 
     root, source = read_record_source(opened.inside(study), number)
@@ -303,8 +302,8 @@ def _modes_beside_model(
     them; `at` is a results folder whose values the model takes, "" for the start values.
     """
     from structid.modal.formats.files import read_modes
-    from structid.workbench.work.model import read_model
     from structid.workbench.work.modes import beside, posted_modes
+    from structid.workbench.work.scene import read_model
 
     results = opened.inside(at) if at else None
     modes = read_modes(opened.inside(measured)) if isinstance(measured, str) else posted_modes(measured)

@@ -32,8 +32,7 @@ from structid.study.schema.model.structure import leaves_pieces_open
 from structid.study.schema.records.sensors import channel_names, used_names
 from structid.study.schema.unknowns import read_parameters
 from structid.workbench.folder import holds_modes
-from structid.workbench.work.model import ReadModel
-from structid.workbench.work.scene import packed
+from structid.workbench.work.scene import ReadModel, packed
 
 _MOST_LINES = 3000
 

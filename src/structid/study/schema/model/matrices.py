@@ -21,21 +21,24 @@ from structid.core.errors import InputError
 from structid.core.json_types import JsonValue
 from structid.core.units import FORCES, LENGTHS
 from structid.fem import MatrixGroup, importers
-from structid.study.schema.kinds import (
+from structid.study.schema.section import InputFiles, Section
+from structid.study.schema.tables import (
     BOOLEAN,
     INTEGER,
     TEXT,
     TEXTS,
+    Key,
     Kind,
     Schema,
+    Table,
     as_list,
     choice,
     either,
+    kind_of_argument,
     list_of,
     several,
+    table_of,
 )
-from structid.study.schema.section import InputFiles, Section
-from structid.study.schema.tables import Key, Table, kind_of_argument, table_of
 
 if TYPE_CHECKING:
     from structid.fem.importers import ImportedMatrix

@@ -21,9 +21,8 @@ from structid.fem.meshes import (
     require_sound,
 )
 from structid.fem.supports import MiddleNode, RigidLink, Tie
-from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, as_list, choice, either, flat
 from structid.study.schema.section import InputFiles, Section
-from structid.study.schema.tables import Table, table_of
+from structid.study.schema.tables import NODES, NUMBER, POSITION, RANGE, Table, as_list, choice, either, flat, table_of
 
 _AXES = ("x", "y", "z")
 _PLACE = replace(either(NUMBER, RANGE), words="a number or two increasing ones in m, as in [0.0, 0.1]")

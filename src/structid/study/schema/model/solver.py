@@ -24,23 +24,26 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.modal.formats.options import PUNCH_SUFFIXES
 from structid.records import FrfRecord
-from structid.study.schema.kinds import (
+from structid.study.schema.method import read_method
+from structid.study.schema.records.record import load_record, read_source
+from structid.study.schema.section import InputFiles, Section, record_sections
+from structid.study.schema.tables import (
     BOOLEAN,
     NUMBER,
     TEXT,
     TEXTS,
     WHOLE,
+    Given,
+    Key,
     Kind,
     Schema,
+    Table,
     as_list,
     choice,
     limit_kind,
     list_of,
+    table_of,
 )
-from structid.study.schema.method import read_method
-from structid.study.schema.records.record import load_record, read_source
-from structid.study.schema.section import InputFiles, Section, record_sections
-from structid.study.schema.tables import Given, Key, Table, table_of
 
 _MATRICES = ("stiffness", "mass", "damping")
 _FILE = Kind(

@@ -24,7 +24,9 @@ from structid.fem.elements import ElementSet
 from structid.fem.structure import MOST_PIECES
 from structid.fem.supports import Tie
 from structid.study.schema import model
-from structid.study.schema.kinds import (
+from structid.study.schema.records.sensors import read_sensors
+from structid.study.schema.section import InputFiles, Section
+from structid.study.schema.tables import (
     DOF,
     DOFS,
     NODES,
@@ -35,16 +37,20 @@ from structid.study.schema.kinds import (
     TOLERANCE,
     WEIGHTED,
     WHOLE,
+    Given,
+    Key,
+    Table,
     as_list,
     choice,
+    deferred,
     either,
     flat,
+    kind_of_argument,
     limit_kind,
     or_none,
+    own_table,
+    table_of,
 )
-from structid.study.schema.records.sensors import read_sensors
-from structid.study.schema.section import InputFiles, Section
-from structid.study.schema.tables import Given, Key, Table, deferred, kind_of_argument, own_table, table_of
 from structid.unknowns.tolerances import EXACT, Tolerances
 
 if TYPE_CHECKING:

@@ -15,9 +15,21 @@ from structid.identification.setups.time import TimeFit
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
 from structid.records.transforms.spectra import frf_from_time, require_repeated
-from structid.study.schema.kinds import COUNT, NUMBER, NUMBERS, TEXT, TEXTS, Kind, as_list, choice, limit_kind
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, table_of
+from structid.study.schema.tables import (
+    COUNT,
+    NUMBER,
+    NUMBERS,
+    TEXT,
+    TEXTS,
+    Given,
+    Key,
+    Kind,
+    as_list,
+    choice,
+    limit_kind,
+    table_of,
+)
 
 _MOTIONS = ("displacement", "velocity", "acceleration")
 _WINDOW = Kind(

@@ -17,10 +17,9 @@ from structid.identification.setups.modal import chosen_modes
 from structid.modal import ModalRecord, formats
 from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import independent_errors, largest_entries
-from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
 from structid.study.schema.section import InputFiles, Section
-from structid.study.schema.tables import Key, Table, table_of
+from structid.study.schema.tables import COUNT, Key, Kind, Table, as_list, list_of, table_of
 
 _NUMBERS = Kind("numbers of modes, counted from 1, as in [1, 2, 4]", list_of(COUNT.schema), made=tuple)
 

@@ -17,10 +17,22 @@ from structid.records.formats import CsvLayout, ReadOptions, how_read, read_reco
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.record import LOADS, Quantity, as_recorded, rename_channels, segment_duration
 from structid.study.schema import records as record_kinds
-from structid.study.schema.kinds import CHANNEL_NAMES, NOISE_PART, PART, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.sensors import SENSORS, used_names
 from structid.study.schema.section import InputFiles, Section
-from structid.study.schema.tables import Key, Table, deferred, kind_of_argument, table_of
+from structid.study.schema.tables import (
+    CHANNEL_NAMES,
+    NOISE_PART,
+    PART,
+    TEXT,
+    TEXTS,
+    Key,
+    Table,
+    as_list,
+    choice,
+    deferred,
+    kind_of_argument,
+    table_of,
+)
 from structid.study.schema.unknowns import CHANNEL_ERROR
 from structid.unknowns.tolerances import Tolerances
 

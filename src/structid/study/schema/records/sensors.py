@@ -14,9 +14,8 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.fem.measuring_points import AimedSensor, nearest_nodes, unit_direction
-from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, table_of
+from structid.study.schema.tables import POSITION, VECTOR, Key, Kind, table_of
 
 _LOAD = "load "
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
