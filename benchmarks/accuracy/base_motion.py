@@ -23,7 +23,7 @@ import numpy as np
 from structid import Base, Dashpot, PointMass, Spring, Structure, TimeRecord, Unknown, estimate, parameters
 from structid.core.arrays import FloatArray
 from structid.forward import SpectraProblem
-from structid.identification.fits.ratios import ratios
+from structid.identification.ratios import ratios
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.unknowns import Parameters
 

@@ -7,7 +7,7 @@ import pytest
 from frame_cases import STUDY, off, written, written_modes
 
 from structid.diagnose.verdict import Cause, are_causes
-from structid.identification.fits.missed import missed_parts
+from structid.identification.identified import missed_parts
 from structid.identification.joint_problem import freed_problems
 from structid.inversion.fixed_values import FixedValueInfluence
 from structid.modal.formats.files import read_modes, write_modes

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from structid.diagnose.verdict import Cause, _off_resonances, judged, noise_ratio
-from structid.identification.fits.resonances import Resonance
+from structid.identification.record_fit import Resonance
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, replaced, write_chain

@@ -5,7 +5,7 @@ import pytest
 
 import structid as sid
 from structid.core.errors import InputError
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 from structid.unknowns.tolerances import Tolerances, fixed_properties
 
 STEP = 1e-4

@@ -18,7 +18,7 @@ from structid import (
 )
 from structid.core.errors import SingularModelError
 from structid.fem import modal_damping as module
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 from structid.report.identification_tables import structure_facts
 
 LINE = {i: 0.5 * i for i in range(6)}

@@ -21,8 +21,8 @@ from structid import (
 from structid.diagnose.frf_views import modal_view
 from structid.forward import ModalProblem, ModalSettings
 from structid.forward.modal.problem import influence_by_kind, of_form
-from structid.identification.fits.modal_fit import paired_modes
 from structid.identification.identify import identify_together
+from structid.identification.modal_fit import paired_modes
 from structid.identification.setups.modal import ModalSetup
 from structid.modal.modal_record import ModalChanges
 

@@ -6,8 +6,8 @@ import pytest
 from structid import TimeRecord
 from structid.core.dof import parse_dof
 from structid.diagnose.checks.mesh import _limit
-from structid.identification.fits.ratios import _std
-from structid.identification.fits.resonances import peaks
+from structid.identification.ratios import _std
+from structid.identification.record_fit import peaks
 from structid.identification.setups.time import _frfs_of_hit, _Hit
 
 

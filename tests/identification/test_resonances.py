@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import find_peaks
 
 from structid import FrfRecord, TimeRecord
-from structid.identification.fits.resonances import prominent, resonances
+from structid.identification.record_fit import prominent, resonances
 from structid.identification.setups.time import frfs_of
 
 FREQUENCY = np.arange(1.0, 30.0, 0.05)

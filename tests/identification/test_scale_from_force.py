@@ -18,7 +18,7 @@ from structid import (
     parameters,
 )
 from structid.forward import simulated_record
-from structid.identification.fits.ratios import scale_from_force
+from structid.identification.ratios import scale_from_force
 
 _ALL = (Unknown("mass", "floors", each=True), Unknown("stiffness", "storeys"), Unknown("loss_factor", "storeys"))
 

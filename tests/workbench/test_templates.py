@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from structid.cli.app import app
 from structid.core.errors import FileError, InputError
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 from structid.study.schema.plan import load_plan
 from structid.study.templates import TEMPLATES, asked_of, template_with, write_study
 

@@ -12,8 +12,8 @@ from structid.cli.console import groups, heading, new_table
 from structid.core.display import first_warnings, format_number, plural
 from structid.core.quantities import NOTHING, exact, number, percent, prefixed, span_text, with_std
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
+from structid.identification.ratios import ON_FORCE
 from structid.study.results.result import UPDATED, StudyResult
 from structid.study.results.view import MOST_ADVICE, PARAMETERS, ResultsView
 from structid.study.run.check import CheckResult

@@ -16,7 +16,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
 from structid.core.provenance import Provenance
-from structid.identification.fits.record_fit import FittedUnknowns
+from structid.identification.record_fit import FittedUnknowns
 from structid.identification.setups.setup import AnySetup, prefixes, titles
 from structid.modal import ModalRecord
 from structid.study.results.hdf5 import stored_parameters

@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
 from structid.core.errors import InputError
-from structid.identification.fits.resonances import Resonance, resonances
+from structid.identification.record_fit import Resonance, resonances
 from structid.records import FrfRecord
 from structid.similarity import fdac, frac
 

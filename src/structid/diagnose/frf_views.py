@@ -19,7 +19,7 @@ from structid.diagnose.thresholds import (
 )
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
 from structid.forward.frf.continuation import LEVELS, smoothed_records
-from structid.identification.fits.modal_fit import damping_ratios, paired_modes
+from structid.identification.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.records import FrfRecord

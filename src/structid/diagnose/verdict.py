@@ -42,16 +42,15 @@ from structid.diagnose.thresholds import (
 from structid.forward import RecordProblem
 from structid.forward.modal import compares_modes
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.record_fit import RecordFit
-from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
+from structid.identification.record_fit import LEAST_DAMPING, RecordFit
 from structid.identification.warning_words import is_gone, ran_away_words
 from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
 
 if TYPE_CHECKING:
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
 

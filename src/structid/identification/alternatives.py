@@ -13,8 +13,8 @@ from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.forward import RecordProblem
 from structid.forward.modal import compares_modes
-from structid.identification.fits.model_modes import structure_modes
 from structid.identification.joint_problem import indices_of
+from structid.identification.record_fit import structure_modes
 from structid.inversion import Estimate
 
 #: Differences that a test resolves with ease: of a frequency in parts of it, of the angle of a pair of shape entries in rad.

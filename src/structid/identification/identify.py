@@ -15,12 +15,11 @@ from structid.fem import Structure
 from structid.forward import ChannelUnknown, RecordProblem
 from structid.forward.scatter import scatter_problems
 from structid.identification.alternatives import alternatives
-from structid.identification.fits.missed import missed_parts
-from structid.identification.fits.ratios import ratios, scale_from_force
-from structid.identification.fits.record_fit import FittedUnknowns, RecordFit
-from structid.identification.identified import Identification, MassEstimate, PriorSummary
+from structid.identification.identified import Identification, MassEstimate, PriorSummary, missed_parts
 from structid.identification.joint_problem import first_values, freed_problems, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
+from structid.identification.ratios import ratios, scale_from_force
+from structid.identification.record_fit import FittedUnknowns, RecordFit
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import search_parameters
 from structid.identification.setups.frf import Setup
@@ -35,7 +34,7 @@ from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import begun_at
 
 if TYPE_CHECKING:
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_together"]
 

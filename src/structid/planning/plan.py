@@ -16,7 +16,7 @@ from structid.fem import Friction, Structure
 from structid.forward.fixed_values import append_fixed_factors
 from structid.forward.frf.response import response
 from structid.identification.checks import require_sound_model
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 from structid.inversion.covariance import inverse_information
 from structid.inversion.design import (
     effective_independence,

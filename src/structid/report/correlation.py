@@ -25,7 +25,7 @@ from structid.report.rendering import plot
 if TYPE_CHECKING:
     from structid.compare.correlation import StudyCorrelation
     from structid.compare.mode_correlation import ModesCorrelation
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 CORRELATION_PAGE = "correlation.html"
 #: Modes of a basis that are named at most.

@@ -27,8 +27,8 @@ from structid.core.quantities import (
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
+from structid.identification.record_fit import Resonance
 from structid.identification.varying import Varied
 from structid.inversion import Estimate
 from structid.report.figures.parameters import ModeRows
@@ -36,7 +36,7 @@ from structid.report.page import Table
 from structid.study.results.view import ResultsView
 
 if TYPE_CHECKING:
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 _FORMS = {
     "output": "difference of measured and modelled FRF over its standard deviation (maximum likelihood)",

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure as Picture
 from structid.core.dof import parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
 from structid.modal.survey.survey import ModesResult
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.parameters import (

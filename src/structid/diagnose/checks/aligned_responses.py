@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.forward import FrfProblem
-from structid.identification.fits.resonances import peaks
+from structid.identification.record_fit import peaks
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.similarity import mac

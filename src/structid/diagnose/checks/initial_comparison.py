@@ -71,7 +71,7 @@ def _compare_modes(problem: ModalProblem) -> InitialComparison:
 
     The latter, those passed over by the pairing, have NaN for the measured frequency and the MAC.
     """
-    from structid.identification.fits.modal_fit import paired_modes  # for records of modes alone
+    from structid.identification.modal_fit import paired_modes  # for records of modes alone
 
     theta = np.asarray(problem.theta_start)
     problem.residual(theta)

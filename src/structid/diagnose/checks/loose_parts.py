@@ -14,7 +14,7 @@ from structid.core.display import join_words
 from structid.diagnose.checks.mesh import MeshErrors
 from structid.fem import Structure
 from structid.fem.assembly import structure_matrix_kinds
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 
 #: Energy of a rigid motion, in parts of what the stiffness could take, below which nothing holds against it.
 _ROUNDING = 1e-9

@@ -14,9 +14,8 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.forward import RecordProblem
 from structid.forward.modal import compares_modes
-from structid.identification.fits.model_modes import structure_modes
-from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.mesh_pieces import MESH_ERROR
+from structid.identification.record_fit import LEAST_DAMPING, structure_modes
 from structid.identification.setups.setup import AnySetup
 from structid.similarity import assign_pairs
 

@@ -16,9 +16,9 @@ from structid.fem import Structure
 from structid.forward import ChannelUnknown, ModalProblem, ModalSettings
 from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
 from structid.forward.modal.output import unpaired_modes
-from structid.identification.fits.modal_fit import ModalFit, modal_fit
-from structid.identification.fits.record_fit import FittedUnknowns
+from structid.identification.modal_fit import ModalFit, modal_fit
 from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import FittedUnknowns
 from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.modal import ModalRecord
 from structid.unknowns import Parameters

@@ -15,9 +15,9 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.forward.channel_errors import ChannelsOfRecord
-from structid.identification.fits.record_fit import FittedUnknowns, RecordFit
-from structid.identification.fits.truncation import Truncation, modes_truncation
 from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import FittedUnknowns, RecordFit
+from structid.identification.truncation import Truncation, modes_truncation
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.records import FrfRecord, TimeRecord
@@ -25,7 +25,7 @@ from structid.records.quality.findings import Finding
 from structid.unknowns import Parameters
 
 if TYPE_CHECKING:
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
     from structid.modal import ModalRecord
 
 P = TypeVar("P", bound=RecordProblem)

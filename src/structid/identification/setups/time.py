@@ -33,8 +33,8 @@ from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, cha
 from structid.forward.time.options import Hold, Initial, TimeMethod
 from structid.forward.time.spectra import NO_WINDOW, transient_order
 from structid.identification.checks import record_warnings
-from structid.identification.fits.record_fit import FittedUnknowns, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import FittedUnknowns, RecordFit, record_fit
 from structid.identification.setups.frf import inside, used_lines
 from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.inversion import Estimate

@@ -15,7 +15,7 @@ from structid.report.drawing import palette
 from structid.report.rendering import plot
 
 if TYPE_CHECKING:
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 
 #: Half width of a 95 % interval in standard deviations.

@@ -19,8 +19,8 @@ from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives
-from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
 from structid.identification.regularizing import AppliedRegularization
 from structid.inversion import Estimate
 from structid.inversion.uncertainty import AtBound
@@ -36,7 +36,7 @@ from structid.study.results.view import (
 )
 
 if TYPE_CHECKING:
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 _REPORT = "report.html"
 #: File of a results folder that says where its study is.

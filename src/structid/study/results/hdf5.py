@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from structid.core.errors import FileError
 from structid.dynamics import Modes
 from structid.fem import Structure
-from structid.identification.fits.record_fit import RecordFit
+from structid.identification.record_fit import RecordFit
 from structid.inversion import Estimate
 from structid.study.results.result import StudyResult
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import h5py
 
     from structid.files.hdf5 import Field
-    from structid.identification.fits.modal_fit import ModalFit
+    from structid.identification.modal_fit import ModalFit
 
 #: What a file of this version says of itself.
 ESTIMATE_FORMAT = "structid estimate 1"

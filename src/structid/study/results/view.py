@@ -17,8 +17,8 @@ from structid.core.quantities import exact, number, percent, prefixed, span_text
 from structid.diagnose.fixed_value_influence import doubted, resting_words
 from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, far_outside_words, judged
 from structid.files import csv_text
-from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
+from structid.identification.record_fit import RecordFit
 from structid.identification.warning_words import (
     INCLUDES_MODEL_ERROR,
     MAY_BE_ZERO,

@@ -17,9 +17,6 @@ from structid.dynamics import Modes
 from structid.fem.measuring_points import AimedSensor, MeshPoint
 from structid.forward import RecordProblem
 from structid.forward.modal import compares_modes
-from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
-from structid.identification.fits.ratios import common_scale, scale_words
-from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identify import mass_deviation
 from structid.identification.joint_problem import (
     first_values,
@@ -29,6 +26,8 @@ from structid.identification.joint_problem import (
     joint_problem,
     tolerances_clause,
 )
+from structid.identification.ratios import common_scale, scale_words
+from structid.identification.record_fit import LEAST_DAMPING, response_rounding, rounding_warnings, structure_modes
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.warning_words import unused_damping

@@ -15,7 +15,7 @@ from structid.diagnose.diagnosis import diagnose_identification
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Cause, Diagnosis, Judgement, is_sound
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.results.result import StudyResult
 from structid.study.run.start import PreparedStudy

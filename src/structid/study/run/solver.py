@@ -28,11 +28,11 @@ from structid.fem import Structure
 from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.frf.continuation import level_frequencies, start_deviation
-from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.identify import identify_together
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import RecordFit
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.search.least_squares import minimize, residual_at, squared
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor

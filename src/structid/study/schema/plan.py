@@ -15,8 +15,8 @@ from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import SingularModelError
 from structid.fem import Structure
 from structid.fem.measuring_points import AimedSensor
-from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
+from structid.identification.record_fit import structure_modes
 from structid.identification.setups.frf import used_lines
 from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.planning.plan import plan, resolve_options

@@ -12,8 +12,7 @@ from structid.dynamics import Modes
 from structid.forward import ModalProblem
 from structid.forward.modal.output import ModelState, pairing
 from structid.forward.modal.problem import shape_residual
-from structid.identification.fits.model_modes import structure_modes
-from structid.identification.fits.record_fit import FittedUnknowns
+from structid.identification.record_fit import FittedUnknowns, structure_modes
 from structid.modal import ModalRecord
 from structid.similarity import mac_with_model, subspace_angles
 

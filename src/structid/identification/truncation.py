@@ -10,7 +10,7 @@ from structid.core.arrays import FloatArray
 from structid.dynamics.reduced_sweep import reading_error
 from structid.fem import Structure
 from structid.forward import FrfProblem, ResponseCache
-from structid.identification.fits.model_modes import structure_modes
+from structid.identification.record_fit import structure_modes
 
 #: Lines over the band, and at the highest peaks, at which FRFs are compared; modes that are.
 _SPREAD, _PEAKS, _MOST_MODES = 3, 2, 40

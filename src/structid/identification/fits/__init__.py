@@ -1,1 +1,0 @@
-"""The answer seen from one record, and its resonances beside the measured ones."""
