@@ -1,9 +1,12 @@
 """A chain of three storeys under random forces, and its FRFs: records with known modes for `structid modes`."""
 
+from pathlib import Path
+
 import numpy as np
 from scipy.signal import cont2discrete, dlsim
 
 from structid.records import FrfRecord, TimeRecord
+from structid.records.formats import write_record
 
 STIFFNESS = 400.0 * np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
 OMEGA = np.sqrt(np.linalg.eigvalsh(STIFFNESS))
@@ -35,3 +38,17 @@ def frfs(noise=0.01, seed=0, decay=0.0):
     error = rng.standard_normal((2, *values.shape)) * noise * np.abs(values).mean(axis=0) / np.sqrt(2)
     values = values + error[0] + 1j * error[1]
     return FrfRecord(frequency, values[:, :, None], ("1X+", "2X+", "3X+"), ("3X+",), "accelerance")
+
+
+def write_ambient(path: Path, channels: tuple[str, ...] = ("1X+", "2X+", "3X+"), seed: int = 5) -> None:
+    """Motion of three equal storeys (5000 kg, 1.6e6 N/m, 1 % damping) under white forces, 300 s at 50 Hz."""
+    rng, rate, n = np.random.default_rng(seed), 50.0, 15000
+    stiffness = 1.6e6 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    omega, shapes = np.linalg.eigh(stiffness / 5000.0)
+    line = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None]
+    force = rng.standard_normal((len(line), 3)) + 1j * rng.standard_normal((len(line), 3))
+    modal = (force @ shapes) / (line**2 + 2 * 0.01 * np.sqrt(omega) * line + omega)
+    motion = np.fft.irfft((line**2 * modal) @ shapes.T, n, axis=0)
+    motion += 0.01 * motion.std() * rng.standard_normal(motion.shape)
+    own = [("1X+", "2X+", "3X+").index(name) for name in channels]
+    write_record(path, TimeRecord(rate, motion[:, own], channels, ("acceleration",) * len(channels)))

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from state_space_cases import ambient, chain, decay
 
+from modes_cases import write_ambient
 from structid import InputError
 from structid.modal import METHODS, HardCriteria, ModalOptions, identify_modes, modal_identification
+from structid.modal.poles.stabilization import Cluster
+from structid.modal.subspace.subspace_modes import _with_borrowed_shapes_unknown
+from structid.modal.survey.survey import modes_of_file
 
 OF_TIME = [name for name, method in METHODS.items() if not method.of_frfs]
 FREQUENCY = chain()[0]
@@ -85,3 +89,24 @@ def test_limits_of_deviation_and_damping_hold_for_every_method(method):
 def test_a_deviation_that_is_no_limit_is_named():
     with pytest.raises(InputError, match="`deviation` must be greater than 0, got 0"):
         ModalOptions(deviation=0.0)
+
+
+def test_a_pole_beside_a_resonance_with_its_shape_is_judged_by_its_frequency_alone():
+    """Poles at 5.1, 5.3, 5.3 and 8 Hz: only those within 20 % of the sure one and of its shape lose their own shape's worth."""
+    poles = 2j * np.pi * np.array([5.1, 5.3, 5.3, 8.0])
+    shapes = np.array([[1.0, 1.0, 1.0, 1.0], [-0.8, -0.7, 0.8, -0.8]])
+    one = np.array([0])
+    judged = [
+        Cluster(one, one, np.abs(poles[k : k + 1]) / 6.28, np.array([0.01]), 0, excess=excess, shape_error=0.02)
+        for k, excess in enumerate((1.0, 12.0, 12.0, 12.0))
+    ]
+    told = _with_borrowed_shapes_unknown(judged, poles, shapes)
+    assert [cluster.shape_error for cluster in told] == [0.02, 1.0, 0.02, 0.02]
+
+
+@pytest.mark.parametrize("seed", [5, 24])
+def test_two_sensors_show_a_building_of_three_storeys_no_fourth_mode(seed, tmp_path):
+    """Two records of 25, which showed a fourth mode within 8 % of the second or third, with its shape and a deviation of 1 %."""
+    write_ambient(tmp_path / "ambient.h5", ("1X+", "2X+"), seed)
+    found = modes_of_file(tmp_path / "ambient.h5").identification.modes
+    assert found.frequency == pytest.approx([1.267, 3.55, 5.13], rel=0.01)

@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.records import TimeRecord
 from structid.records.formats import write_record
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.section import read_root
@@ -163,17 +162,3 @@ def filling_disk(folder: Path) -> tuple[Path, dict[str, str]]:
 
 
 STOREYS = {"storeys": 3, "stiffness": 1.6e6}
-
-
-def write_ambient(path: Path, channels: tuple[str, ...] = ("1X+", "2X+", "3X+"), seed: int = 5) -> None:
-    """Motion of three equal storeys (5000 kg, 1.6e6 N/m, 1 % damping) under white forces, 300 s at 50 Hz."""
-    rng, rate, n = np.random.default_rng(seed), 50.0, 15000
-    stiffness = 1.6e6 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    omega, shapes = np.linalg.eigh(stiffness / 5000.0)
-    line = 2j * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None]
-    force = rng.standard_normal((len(line), 3)) + 1j * rng.standard_normal((len(line), 3))
-    modal = (force @ shapes) / (line**2 + 2 * 0.01 * np.sqrt(omega) * line + omega)
-    motion = np.fft.irfft((line**2 * modal) @ shapes.T, n, axis=0)
-    motion += 0.01 * motion.std() * rng.standard_normal(motion.shape)
-    own = [("1X+", "2X+", "3X+").index(name) for name in channels]
-    write_record(path, TimeRecord(rate, motion[:, own], channels, ("acceleration",) * len(channels)))

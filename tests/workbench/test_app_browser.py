@@ -13,9 +13,10 @@ import zipfile
 import numpy as np
 import psutil
 import pytest
-from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
+from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_beam_record
 from browser_cases import accessible, drawn, eventually, replace_file, shown, step, write_by_hand
 
+from modes_cases import write_ambient
 from structid.records import TimeRecord, read_record
 from structid.records.formats import write_record
 from structid.study.templates import TEMPLATES, template_with, write_study

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import psutil
 import pytest
-from app_cases import filling_disk, require_workbench, served, write_ambient, write_beam_record
+from app_cases import filling_disk, require_workbench, served, write_beam_record
+
+from modes_cases import write_ambient
 
 require_workbench()
 

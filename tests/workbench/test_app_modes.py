@@ -6,7 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from app_cases import STOREYS, require_workbench, served, write_ambient
+from app_cases import STOREYS, require_workbench, served
+
+from modes_cases import write_ambient
 
 require_workbench()
 

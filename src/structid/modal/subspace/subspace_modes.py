@@ -58,6 +58,7 @@ _RATHER = (
     0.5  # probability from which on poles are a mode by their deviations, or a surer pole is looked for in other orders
 )
 _POSSIBLE = 0.05  # probability without deviations below which poles are no mode, whatever their deviations
+_NEIGHBOUR = 0.2  # part of the frequency within which a pole of noise may have the shape of a mode
 _ONE_SHAPE = 0.8  # MAC above which a pole in the bandwidth of a mode is one more of this mode
 _STEADY, _FEWEST_DYING = (
     0.1,
@@ -565,7 +566,7 @@ def surest_poles(
         return np.asarray(np.sqrt(np.sum(both**2, axis=0)).reshape(2, -1))
 
     clusters, ds, dshape = list(chosen_clusters), changes.poles.copy(), changes.shapes.copy()
-    least = np.sqrt(np.maximum(-start.real, 0.0) / seconds) / (2 * np.pi)
+    least = _least_std(start, seconds)
     surest = std(start, ds)
     likely = np.array([cluster.probability >= least_probability for cluster in chosen_clusters])
     tries = dict.fromkeys(np.flatnonzero(likely & (surest[0] > _WIDE * least)).tolist(), _MORE_ORDERS)
@@ -627,6 +628,7 @@ def _told_by_deviations(
     every, changes = _surest_of_doubtful(subspace, sweep, every, changes.with_changes(*more))
     judged = with_deviations(subspace, sweep, every, changes)
     poles, shapes = _scaled_poles(sweep, judged, scale)
+    judged = _with_borrowed_shapes_unknown(judged, poles, shapes)
     taken = [m for m in range(n) if not (np.isfinite(judged[m].excess) and judged[m].probability < _RATHER)]
     for m in sorted(range(n, len(judged)), key=lambda m: -judged[m].probability):
         is_further = _is_further(poles[[*taken, m]], shapes[:, [*taken, m]], len(taken))[-1]
@@ -665,6 +667,37 @@ def _surest_of_doubtful(
     return clusters, PoleChanges(changes.spread, poles, shapes)
 
 
+def _least_std(poles: ComplexArray, seconds: float) -> FloatArray:
+    """Least standard deviations (Hz), (n_poles,), of the frequencies of `poles` (rad/s) in ambient motion of this length.
+
+    Au (2014), part I: the variance of a frequency f is at least zeta f / (2 pi T) in T seconds. 0 for poles without damping.
+    """
+    return np.asarray(np.sqrt(np.maximum(-poles.real, 0.0) / seconds) / (2 * np.pi))
+
+
+def _with_borrowed_shapes_unknown(
+    judged: Sequence[Cluster], poles: ComplexArray, shapes: ComplexArray
+) -> list[Cluster]:
+    """Copies of clusters, in the same order, with a `shape_error` of at least 1 where the shape may be a neighbour's.
+
+    A pole of noise beside a resonance takes its shape, and with it the small error of that shape. Neighbours are the
+    nearest clusters below and above with less `excess`; the shape may be theirs within 20 % of the frequency and with a
+    MAC above 0.8. `poles` (n_clusters,), rad/s, and `shapes` (n_channels, n_clusters), scaled, are the chosen ones.
+    """
+    excess, omega, alike = np.array([cluster.excess for cluster in judged]), np.abs(poles), mac(shapes, shapes)
+    told = []
+    for m, cluster in enumerate(judged):
+        surer = np.flatnonzero(excess < excess[m])
+        surer = surer[np.argsort(np.abs(omega[surer] - omega[m]))]
+        below, above = surer[omega[surer] <= omega[m]], surer[omega[surer] > omega[m]]
+        borrowed = any(
+            alike[m, k] > _ONE_SHAPE and abs(omega[k] - omega[m]) < _NEIGHBOUR * omega[m]
+            for k in (*below[:1], *above[:1])
+        )
+        told.append(replace(cluster, shape_error=max(cluster.shape_error, 1.0)) if borrowed else cluster)
+    return told
+
+
 def _is_further(poles: ComplexArray, shapes: ComplexArray, n: int) -> NDArray[np.bool_]:
     """Mask (n_poles,) of poles with the shape and, within its bandwidth, the frequency of one of the first `n`; false for these.
 
@@ -697,7 +730,7 @@ def with_deviations(
         turned = changes.shapes[:, :, m : m + 1] / data.scale[:, None]
         moved, turned = overlapping_batches(changes.poles[:, m : m + 1], turned, piece, _memory(own))
         scatter = changes_of_modes(own, moved, shape, turned)
-        least = np.sqrt(max(-float(own[0].real), 0.0) / data.seconds) / (2 * np.pi)
+        least = float(_least_std(own, data.seconds)[0])
         excess = float(np.linalg.norm(scatter.frequency)) / least if least > 0 else np.inf
         error = np.linalg.norm(scatter.mode_shapes) / np.linalg.norm(unit_largest(shape))
         judged.append(replace(cluster, excess=excess, shape_error=float(error)))
