@@ -29,8 +29,8 @@ import structid as sid
 from structid.compare.states import carried, unchanged_parameters
 from structid.dynamics.normal_modes import modes
 from structid.inversion.covariance import inverse_information
+from structid.inversion.diagnostics.residual_tests import detectable
 from structid.inversion.estimate import estimate
-from structid.inversion.residual_tests import detectable
 from structid.inversion.state_comparison import Comparison, compare_states
 from structid.reproduce.chapter_3 import ACTUAL, N_ELEMENTS, beam
 

@@ -12,7 +12,7 @@ from structid.forward import ModalProblem
 from structid.identification.warning_words import estimate_warnings
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.covariance import larger_covariance, left_out_covariance, repeated_quantities
-from structid.inversion.residual_tests import agreement
+from structid.inversion.diagnostics.residual_tests import agreement
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import pytest
 
 from structid import InputError, Status, compare_jointly, compare_states, estimate
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
-from structid.inversion.residual_tests import adjusted_p_values, detectable
+from structid.inversion.diagnostics.residual_tests import adjusted_p_values, detectable
 from structid.inversion.state_comparison import states_problem
 
 #: Benjamini and Hochberg (1995), section 3.2: p-values of fifteen hypotheses on thrombolysis.

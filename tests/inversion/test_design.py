@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import InputError
-from structid.inversion.design import (
+from structid.inversion.diagnostics.design import (
     effective_independence,
     exchanged,
     gains,
@@ -53,7 +53,7 @@ def test_gains_are_the_change_of_the_criterion(candidates, criterion, wanted):
 
 def test_gains_do_not_depend_on_how_rows_are_blocked(candidates, monkeypatch):
     whole = gains(candidates, ignorance(N_PARAMS))
-    monkeypatch.setattr("structid.inversion.design._BLOCK_ENTRIES", 1)
+    monkeypatch.setattr("structid.inversion.diagnostics.design._BLOCK_ENTRIES", 1)
     assert gains(candidates, ignorance(N_PARAMS)) == pytest.approx(whole, rel=1e-12)
 
 

@@ -8,7 +8,7 @@ import pytest
 from structid import Status, estimate
 from structid.core.errors import SingularModelError
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
-from structid.inversion.identifiability import (
+from structid.inversion.diagnostics.identifiability import (
     Bound,
     bound_at,
     carried,

@@ -8,7 +8,7 @@ import pytest
 from structid import GaussNewton, LevenbergMarquardt, Status, estimate
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem, minimize
 from structid.inversion.covariance import correlation_length, inverse_information
-from structid.inversion.identifiability import direction_words, identifiability
+from structid.inversion.diagnostics.identifiability import direction_words, identifiability
 
 
 @dataclass

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from structid import estimate
 from structid.core.errors import InputError
-from structid.inversion.residual_tests import adjusted_p_values, residual_tests, runs_test
+from structid.inversion.diagnostics.residual_tests import adjusted_p_values, residual_tests, runs_test
 
 
 def looked_at(values, series=None):

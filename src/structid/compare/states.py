@@ -27,9 +27,9 @@ from structid.forward.fixed_values import tolerances_of
 from structid.identification.joint_problem import fixed_values, joint_problem
 from structid.identification.mesh_pieces import MESH_WARNINGS
 from structid.inversion import Estimate, Problem, Status
+from structid.inversion.diagnostics.residual_tests import Correction, require_levels
 from structid.inversion.estimate import estimate
 from structid.inversion.fixed_values import FIXED
-from structid.inversion.residual_tests import Correction, require_levels
 from structid.inversion.search.least_squares import residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress

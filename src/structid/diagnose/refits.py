@@ -26,9 +26,9 @@ from structid.diagnose.thresholds import (
 from structid.forward import FrfProblem, SpectraProblem
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.inversion import Problem
+from structid.inversion.diagnostics.residual_tests import misfit_probability
 from structid.inversion.estimate import ParameterValues, parameters_at
 from structid.inversion.fixed_values import FitWithinTolerances
-from structid.inversion.residual_tests import misfit_probability
 from structid.inversion.search.least_squares import Minimum
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import Task, TaskContext

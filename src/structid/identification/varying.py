@@ -13,8 +13,8 @@ from structid.core.errors import InputError
 from structid.forward import RecordProblem
 from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.inversion import Estimate
+from structid.inversion.diagnostics.residual_tests import adjusted_p_values
 from structid.inversion.problem import OF_RECORD
-from structid.inversion.residual_tests import adjusted_p_values
 from structid.inversion.strengths import LocalModel, log_evidence
 from structid.inversion.uncertainty import DenseCovariance
 from structid.unknowns import own_values, with_scatter

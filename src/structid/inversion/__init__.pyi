@@ -4,11 +4,13 @@ The function `estimate` has the name of its module: it is `structid.estimate`.
 """
 
 from structid.inversion.composed_problems import JointProblem as JointProblem
+from structid.inversion.diagnostics.identifiability import Direction as Direction
+from structid.inversion.diagnostics.identifiability import Identifiability as Identifiability
+from structid.inversion.diagnostics.identifiability import identifiability as identifiability
+from structid.inversion.diagnostics.residual_tests import ResidualTests as ResidualTests
+from structid.inversion.diagnostics.residual_tests import residual_tests as residual_tests
 from structid.inversion.estimate import Estimate as Estimate
 from structid.inversion.estimate import Status as Status
-from structid.inversion.identifiability import Direction as Direction
-from structid.inversion.identifiability import Identifiability as Identifiability
-from structid.inversion.identifiability import identifiability as identifiability
 from structid.inversion.intervals import Intervals as Intervals
 from structid.inversion.intervals import parameter_intervals as parameter_intervals
 from structid.inversion.intervals import to_arviz as to_arviz
@@ -25,8 +27,6 @@ from structid.inversion.linearization import OperatorLinearization as OperatorLi
 from structid.inversion.problem import DataRows as DataRows
 from structid.inversion.problem import FreeUnknowns as FreeUnknowns
 from structid.inversion.problem import Problem as Problem
-from structid.inversion.residual_tests import ResidualTests as ResidualTests
-from structid.inversion.residual_tests import residual_tests as residual_tests
 from structid.inversion.search.least_squares import Method as Method
 from structid.inversion.search.least_squares import Minimum as Minimum
 from structid.inversion.search.least_squares import minimize as minimize

@@ -15,10 +15,10 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, data_frame, format_number, join_words, names_like, plural
 from structid.core.errors import InputError, MissingNameError, require_class
 from structid.inversion.covariance import correlation_length
+from structid.inversion.diagnostics.identifiability import Identifiability
+from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.inversion.fixed_values import FitWithinTolerances, FixedValueInfluence
-from structid.inversion.identifiability import Identifiability
 from structid.inversion.problem import ContinuationPath, Problem, expected_square
-from structid.inversion.residual_tests import ResidualTests, residual_tests
 from structid.inversion.search.least_squares import Method, Minimum, StageCourse, squared
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.multistart import (

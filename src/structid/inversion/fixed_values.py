@@ -11,9 +11,9 @@ from scipy import special
 from structid.core.arrays import FloatArray
 from structid.core.display import join_words
 from structid.inversion.covariance import chi_square_law, row_law, shift_of_minimum
+from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
-from structid.inversion.residual_tests import misses_noise
 
 #: What the names of fixed values begin with where they are unknowns beside those that are sought.
 FIXED = "fixed "

@@ -11,11 +11,11 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.display import join_words
 from structid.core.errors import InputError
 from structid.inversion.covariance import LEAST_FREEDOM, error_blocks, row_law
+from structid.inversion.diagnostics.identifiability import Identifiability
+from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
-from structid.inversion.identifiability import Identifiability
 from structid.inversion.linearization import OperatorLinearization, Solver, conjugate_gradients, preconditioner
 from structid.inversion.problem import Problem, few_averages, score_factor
-from structid.inversion.residual_tests import misses_noise
 from structid.inversion.uncertainty import DrawnCovariance, Spread, Uncertainty, basis
 
 _SOLVED, _MOST_INNER = 1e-5, 2000

@@ -15,10 +15,10 @@ from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.errors import InputError
 from structid.core.quantities import percent, unit_text, with_std
 from structid.inversion.composed_problems import JointProblem
+from structid.inversion.diagnostics.residual_tests import Correction, adjusted_p_values, detectable, require_levels
 from structid.inversion.estimate import Status
 from structid.inversion.fixed_values import widen_changes
 from structid.inversion.problem import OF_RECORD, Problem
-from structid.inversion.residual_tests import Correction, adjusted_p_values, detectable, require_levels
 
 _NOTHING_IN_COMMON = "the two states have no parameter in common to compare; give them the same unknowns"
 #: What is added to the names of the later state's own parameters.

@@ -16,11 +16,18 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
 from structid.inversion.covariance import chi_square_law, model_error_covariance, noise_covariance
+from structid.inversion.diagnostics.identifiability import (
+    Bound,
+    Identifiability,
+    bound_at,
+    carried,
+    identifiability,
+    refusal_words,
+)
+from structid.inversion.diagnostics.residual_tests import Agreement, agreement, misses_noise
 from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
-from structid.inversion.identifiability import Bound, Identifiability, bound_at, carried, identifiability, refusal_words
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
-from structid.inversion.residual_tests import Agreement, agreement, misses_noise
 
 #: Largest distance from a bound, in parts of the range and in standard deviations, at which a parameter is at it.
 _CLOSE, _CLOSE_STD = 0.01, 0.1

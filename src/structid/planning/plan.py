@@ -18,7 +18,7 @@ from structid.forward.frf.response import response
 from structid.identification.checks import require_sound_model
 from structid.identification.record_fit import structure_modes
 from structid.inversion.covariance import inverse_information
-from structid.inversion.design import (
+from structid.inversion.diagnostics.design import (
     effective_independence,
     exchanged,
     gains,
@@ -29,8 +29,8 @@ from structid.inversion.design import (
     optimal,
     relative_std,
 )
+from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import tolerance_words
-from structid.inversion.identifiability import identifiability
 from structid.planning.planned import Plan, PlannedTest, PlanOptions, SmallestTest
 from structid.records import FrfRecord
 from structid.records.record import FrfKind

@@ -12,7 +12,7 @@ from structid.core.constraints import Count, Positive
 from structid.core.dof import Dof
 from structid.fem import Structure
 from structid.inversion import Identifiability
-from structid.inversion.design import Criterion
+from structid.inversion.diagnostics.design import Criterion
 from structid.records.record import FrfKind
 from structid.unknowns import Parameters
 

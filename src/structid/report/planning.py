@@ -11,7 +11,7 @@ from rich.text import Text
 from structid.core.display import join_words, plural
 from structid.core.dof import Dof
 from structid.core.quantities import exact, prefixed
-from structid.inversion.identifiability import percent_text
+from structid.inversion.diagnostics.identifiability import percent_text
 from structid.planning.planned import Plan, PlannedTest
 from structid.records.record import FRF_UNITS
 from structid.report.drawing import palette

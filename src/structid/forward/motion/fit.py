@@ -15,8 +15,8 @@ from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
 from structid.inversion import DenseCovariance, Direction, Estimate, Identifiability, Status
+from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
-from structid.inversion.identifiability import identifiability
 from structid.inversion.regression.block_least_squares import BlockFit
 from structid.inversion.regression.local_reduction import FoldingKernels, RowMaker
 from structid.inversion.regression.streaming_qr import LinearFit, StreamingQr, no_rows

@@ -15,10 +15,10 @@ from structid.forward.motion.equations import TimeEquations
 from structid.forward.sensitive import nonlinear_values
 from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
+from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.diagnostics.residual_tests import is_misfit
 from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
 from structid.inversion.fixed_values import FitWithinTolerances, FixedColumns, FixedValueInfluence, explained_part
-from structid.inversion.identifiability import identifiability
-from structid.inversion.residual_tests import is_misfit
 from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
 from structid.unknowns.tolerances import Tolerances, fixed_properties

@@ -18,8 +18,8 @@ from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import OutputErrorProblem, output_error_problem
 from structid.forward.time.weak_form import identified_by_weak_form
 from structid.inversion import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
+from structid.inversion.diagnostics.identifiability import bound_at
 from structid.inversion.estimate import estimate
-from structid.inversion.identifiability import bound_at
 from structid.inversion.search.least_squares import cost_at
 from structid.inversion.search.multistart import named
 from structid.inversion.search.posterior_linearization import posterior_linearized

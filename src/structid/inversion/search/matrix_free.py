@@ -11,11 +11,11 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.inversion.covariance import row_law
+from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import OperatorLinearization, conjugate_gradients, preconditioner
 from structid.inversion.posterior_draws import drawn_uncertainty
 from structid.inversion.problem import Problem
-from structid.inversion.residual_tests import misses_noise
 from structid.inversion.search.least_squares import (
     Damping,
     IterationResult,

@@ -33,8 +33,8 @@ from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.warning_words import unused_damping
 from structid.inversion import Covariance, DenseCovariance, Identifiability, Linearization, Problem
 from structid.inversion.covariance import inverse_information
+from structid.inversion.diagnostics.identifiability import identifiability
 from structid.inversion.fixed_values import FixedValueInfluence
-from structid.inversion.identifiability import identifiability
 from structid.inversion.posterior_draws import counted_draws, drawn_covariance, solved_influence
 from structid.inversion.problem import expected_square
 from structid.inversion.uncertainty import relative_jacobian
