@@ -12,7 +12,7 @@ from structid.diagnose.causes import CAUSES, DERIVED, candidates, data_candidate
 from structid.diagnose.causes.delay import SensorDelay
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel, fit_fully, restore_fit
-from structid.diagnose.set_screening import screen_sets
+from structid.diagnose.screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.records.formats import read_record, write_record

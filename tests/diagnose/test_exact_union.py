@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from structid import FrfRecord, IdentifyOptions, identify, parameters, with_declared_noise
-from structid.diagnose.model_averaging import intervals_of, widened
+from structid.diagnose.explain import intervals_of, widened
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel
 from structid.diagnose.search import _criterion

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.core.dof import parse_dof
 from structid.diagnose.causes import LoadGain, OutlyingLines, SensorGain
-from structid.diagnose.checks.channels import ChannelWarnings
+from structid.diagnose.checks.initial_comparison import ChannelWarnings
 from structid.diagnose.data_rows import scaled_misfit
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel
@@ -484,7 +484,7 @@ def test_where_causes_cannot_be_looked_for_the_verdict_stands_and_says_so(tmp_pa
 
 def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, monkeypatch):
     monkeypatch.setattr("structid.diagnose.modified_model.MOST_DOFS", 10)
-    monkeypatch.setattr("structid.diagnose.causes.places.MOST_SCREENED_DOFS", 10)
+    monkeypatch.setattr("structid.diagnose.causes.candidate.MOST_SCREENED_DOFS", 10)
     path = written(tmp_path, off())
     record = read_record(tmp_path / "frf.npz")
     crossed = np.array(record.values)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from structid.diagnose.explain import fixed_value_sensitivities, widened
 from structid.diagnose.fixed_value_influence import doubted, influences, resting_words
-from structid.diagnose.freed_model import fixed_value_sensitivities
-from structid.diagnose.model_averaging import widened
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel
 from structid.diagnose.search import with_freed

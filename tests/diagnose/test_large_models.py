@@ -6,9 +6,8 @@ import pytest
 import structid as sid
 from structid.diagnose import receptances
 from structid.diagnose.causes import candidates
-from structid.diagnose.causes.places import has_places
-from structid.diagnose.flexibility import modal_flexibility
-from structid.diagnose.receptances import receptances_at
+from structid.diagnose.causes.candidate import has_places
+from structid.diagnose.receptances import modal_flexibility, receptances_at
 from structid.forward import FrfProblem
 
 NODES = {i: (0.1 * i, 0.0, 0.0) for i in range(13)}
@@ -70,7 +69,7 @@ def test_effects_of_changes_are_those_of_the_inverse(monkeypatch):
 
 
 def test_nodes_of_sensors_are_among_those_of_a_large_model(monkeypatch):
-    monkeypatch.setattr("structid.diagnose.causes.places.MOST_NODES", 3)
+    monkeypatch.setattr("structid.diagnose.causes.candidate.MOST_NODES", 3)
     problem = problem_of(beam(CLAMPED))
     masses = {one.where[0] for one in candidates([receptances_at(problem, problem.theta_start)]) if one.kind == "mass"}
     assert {"3", "5", "8", "12"} <= masses
@@ -79,7 +78,7 @@ def test_nodes_of_sensors_are_among_those_of_a_large_model(monkeypatch):
 def test_models_beyond_the_limit_are_searched_in_their_records_alone(monkeypatch):
     problem = problem_of(beam(CLAMPED))
     assert has_places(problem)
-    monkeypatch.setattr("structid.diagnose.causes.places.MOST_SCREENED_DOFS", 50)
+    monkeypatch.setattr("structid.diagnose.causes.candidate.MOST_SCREENED_DOFS", 50)
     assert not has_places(problem)
     kinds = {one.kind for one in candidates([receptances_at(problem, problem.theta_start)])}
     assert kinds

@@ -11,10 +11,9 @@ from test_each_cause import begun
 from structid.diagnose import refits
 from structid.diagnose.causes import candidates
 from structid.diagnose.causes.fixed_value import FixedValue
-from structid.diagnose.score_test import Point
+from structid.diagnose.score_test import Point, damped_basis, tolerance_directions
+from structid.diagnose.screening import LinearizedFit, _screen_change, linearize_fit, screen_changes, screen_sets
 from structid.diagnose.search_budget import UNLIMITED
-from structid.diagnose.set_screening import LinearizedFit, _screen_change, linearize_fit, screen_changes, screen_sets
-from structid.diagnose.tolerance_directions import damped_basis, tolerance_directions
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_prepared

@@ -8,7 +8,7 @@ from test_kindred_causes import SPACE, written_in_space
 import structid as sid
 from structid.core.errors import InputError, SingularModelError
 from structid.diagnose.causes.turned_section import TurnedSection, turned_orientation
-from structid.diagnose.set_screening import _screen_change, linearize_fit, screen_sets
+from structid.diagnose.screening import _screen_change, linearize_fit, screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
 

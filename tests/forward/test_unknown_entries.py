@@ -18,7 +18,7 @@ from structid import (
     estimate,
     parameters,
 )
-from structid.diagnose.frf_views import modal_view
+from structid.diagnose.modified_model import modal_view
 from structid.forward import ModalProblem, ModalSettings
 from structid.forward.modal.problem import influence_by_kind, of_form
 from structid.identification.identify import identify_together

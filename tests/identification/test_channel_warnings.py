@@ -7,8 +7,14 @@ import pytest
 
 from structid import Base, Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
 from structid.core.units import STANDARD_GRAVITY
-from structid.diagnose.checks.aligned_responses import ResonancePair, _can_judge, aligned, in_order, resonance_pairs
-from structid.diagnose.checks.channels import channel_warnings
+from structid.diagnose.checks.initial_comparison import (
+    ResonancePair,
+    _can_judge,
+    aligned,
+    channel_warnings,
+    in_order,
+    resonance_pairs,
+)
 from structid.forward import FrfProblem, simulated_record
 
 FREQUENCY = np.arange(2.0, 60.0, 0.2)

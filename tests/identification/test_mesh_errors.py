@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from structid import Bar, Base, Beam, Joint, MatrixGroup, Plate, PointMass, Solid, SpaceBeam, Spring, Structure
-from structid.diagnose.checks.mesh import mesh_errors
-from structid.diagnose.checks.refined_mesh import refined
+from structid.diagnose.checks.mesh import mesh_errors, refined
 from structid.dynamics.normal_modes import modes
 from structid.fem.elements import Membrane
 

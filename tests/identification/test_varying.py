@@ -15,7 +15,7 @@ import structid as sid
 from structid.cli import app as cli
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel
-from structid.diagnose.set_screening import screen_sets
+from structid.diagnose.screening import screen_sets
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import judged
 from structid.forward import RecordProblem

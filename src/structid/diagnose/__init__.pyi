@@ -2,4 +2,4 @@
 
 from structid.diagnose.explain import diagnose_by_search as diagnose_by_search
 from structid.diagnose.explain import diagnose_sound as diagnose_sound
-from structid.diagnose.freed_model import fixed_value_sensitivities as fixed_value_sensitivities
+from structid.diagnose.explain import fixed_value_sensitivities as fixed_value_sensitivities

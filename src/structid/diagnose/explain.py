@@ -1,30 +1,28 @@
-"""Diagnoses for which changes of model or record are fitted: the search for causes, and changes that a sound answer asks for."""
+"""Diagnoses for which changes of model or record are fitted: the search for causes, and changes that a sound answer asks for.
+
+The model with all of its fixed values free at once says how sensitive an answer is to them. Intervals are widened so that they hold
+whichever of the likely changes is the truth (model averaging).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from structid.core.display import as_sentence, plural
+from structid.core.display import as_sentence, join_words, plural
 from structid.core.errors import StructidError
-from structid.diagnose.causes.places import MOST_DOFS
+from structid.diagnose.causes.candidate import MOST_DOFS
+from structid.diagnose.causes.fixed_value import FixedValue, fixed_values
 from structid.diagnose.diagnosed import DiagnosedIdentification, SplitCheck, noise_level, without_causes
-from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
-from structid.diagnose.freed_model import fixed_value_sensitivities
-from structid.diagnose.model_averaging import intervals_of, widened
-from structid.diagnose.modified_model import are_small, base_model
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, influences
+from structid.diagnose.modified_model import are_small, base_model, prepared_problems, started_at, weighed_like
 from structid.diagnose.refits import FittedModel, ToleranceTest
 from structid.diagnose.search import Explanation, requested_changes, search_causes, with_freed
 from structid.diagnose.search_budget import SearchBudget
-from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.thresholds import (
-    ALIKE,
-    LARGE_MODEL_REFITS,
-    MATTERS,
-    MOST_ALIKE,
-    MOST_FREED,
-)
+from structid.diagnose.tested_model import ModelDraft, TestedModel
+from structid.diagnose.thresholds import ALIKE, LARGE_MODEL_REFITS, MATTERS, MOST_ALIKE, MOST_FREED
 from structid.diagnose.verdict import (
     Cause,
     Diagnosis,
@@ -36,8 +34,195 @@ from structid.diagnose.verdict import (
     not_found,
 )
 from structid.forward import FrfProblem
+from structid.forward.scatter import scatter_problems
 from structid.identification.identified import Identification
+from structid.identification.identify import total_mass
+from structid.identification.joint_problem import joint_problem
+from structid.identification.warning_words import estimate_warnings
+from structid.inversion import Problem
+from structid.inversion.estimate import normal_intervals
 from structid.inversion.search.work import TaskExecutor
+from structid.inversion.uncertainty import DenseCovariance, relative_steps
+
+#: All fixed stiffnesses by one factor, and the part of the clearness of another fixed value at which they are as clear.
+_EVERY, _EQUAL = "every fixed stiffness", 1e-6
+
+
+def fixed_value_sensitivities(model: TestedModel, identification: Identification) -> tuple[FixedValueSensitivity, ...]:
+    """Sensitivity of an answer to every fixed mass and stiffness, by linearization with all of them free.
+
+    Parameters
+    ----------
+    model : TestedModel
+        Set-ups and options of the identification.
+    identification : Identification
+        The answer.
+
+    Returns
+    -------
+    tuple of FixedValueSensitivity
+        In the order of the properties. Empty for models of more than 1200 degrees of freedom or without matrices, for
+        searches without a Jacobian, and if nothing is fixed. Values that cannot be freed, and those that the data do
+        not see, are left out. The standard deviation of the change that the record asks for is NaN where the residual
+        is not noise.
+    """
+    setup, estimate = model.setups[0], identification.estimate
+    is_small = setup.structure.n_dofs <= MOST_DOFS and identification.target is not None
+    if not is_small or not estimate.uncertainty.has_matrix or not setup.structure.has_matrices:
+        return ()
+    fixed = fixed_values(setup.structure, setup.parameters)
+    known = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    target = _free_fixed_values(model, identification, fixed, known)
+    if target is None:  # what can be freed, one by one
+        fixed = tuple(one for one in fixed if _free_fixed_values(model, identification, (one,), known) is not None)
+        target = _free_fixed_values(model, identification, fixed, known)
+    if target is None or not fixed:
+        return ()
+    theta = target.theta_start
+    at = target.linearize(theta)
+    index = {name: i for i, name in enumerate(target.names)}
+    free = [name for name, is_free in zip(estimate.names, estimate.spread.is_free, strict=True) if is_free]
+    names = [name for name in target.names if name not in known]
+    columns = [index[name] for name in (*free, *names)]
+    scale = 1.0 if fits_noise(identification) else np.nan  # what a wrong model pulls at says nothing of a fixed value
+    sizes = target.unknowns.sizes(target.physical(theta))[[index[name] for name in estimate.names]]
+    tolerances = {} if estimate.fixed is None else dict(
+        zip(estimate.fixed.names, estimate.fixed.tolerance.tolist(), strict=True)
+    )  # fmt: skip
+    rows = (at.jacobian * relative_steps(target, theta))[:, columns]
+    std = (estimate.std / sizes)[estimate.spread.is_free]
+    several = tuple(
+        replace(one, tolerance=tolerances.get(one.name, 0.0))
+        for one in influences(rows, at.residual, free, names, std, scale)
+    )
+    kinds = dict(zip(target.names, target.unknowns.kinds, strict=True))
+    is_stiffness = np.array([kinds[name] == "stiffness" for name in (*free, *names)])
+    is_held = np.arange(len(columns)) >= len(free)
+    sought, held = is_stiffness & ~is_held, is_stiffness & is_held
+    if not (
+        sought.any() and held.any() and all(one.facts.takes_clock_for_stiffness for one in identification.problems)
+    ):
+        return several
+    together = np.column_stack([rows[:, ~is_held], rows[:, held].sum(axis=1)])
+    return _marked(
+        several,
+        influences(together, at.residual, free, [_EVERY], std, scale),
+        [names[i] for i in np.flatnonzero(held[is_held])],
+    )
+
+
+def _marked(
+    several: tuple[FixedValueSensitivity, ...], together: tuple[FixedValueSensitivity, ...], stiffnesses: Sequence[str]
+) -> tuple[FixedValueSensitivity, ...]:
+    """Copy of `several` in which the clearest of the fixed `stiffnesses` gets the pull at all of them as `clock_pull`.
+
+    `together` has the sensitivity to one factor on all of them, or is empty. The copy is plain where a single fixed
+    value explains more than all together do, or no fixed stiffness has a known pull. The clearest has the largest pull
+    in its standard deviations.
+    """
+    clear = [abs(one.pull / one.pull_std) for one in (*several, *together)]
+    seen = [i for i, one in enumerate(several) if one.name in stiffnesses and np.isfinite(clear[i])]
+    if not together or not seen or not clear[-1] >= (1 - _EQUAL) * np.nanmax(clear):
+        return several
+    first = max(seen, key=lambda i: clear[i])
+    return tuple(replace(one, clock_pull=together[0].pull) if i == first else one for i, one in enumerate(several))
+
+
+def _free_fixed_values(
+    model: TestedModel, identification: Identification, fixed: Sequence[FixedValue], known: dict[str, float]
+) -> Problem | None:
+    """Joint problem with the values `fixed` among its unknowns, started at the answer; None if that fails.
+
+    `known` has the identified values by parameter name.
+    """
+    draft = ModelDraft(model)
+    try:
+        for value in fixed:
+            for edit in value.edits(model, 1.0):
+                edit.apply(draft)
+        freed = draft.build()
+        before = list(zip(model.setups, identification.problems, strict=True))
+        problems = prepared_problems(freed, before, model.options)
+        problems = weighed_like(problems, identification.problems, scatter_problems(identification.problems))
+        return joint_problem([started_at(one, known) for one in problems])
+    except (StructidError, np.linalg.LinAlgError):
+        return None  # some property has no place among the unknowns
+
+
+IntervalsByName = dict[str, tuple[float, float]]
+
+
+def intervals_of(fitted: FittedModel, level: float) -> IntervalsByName:
+    """Normal intervals of the parameters of a fitted study at the probability `level`: (low, high) in SI units, by name."""
+    std = np.sqrt(np.diag(fitted.covariance))
+    ends = normal_intervals(fitted.parameters, std, fitted.identified, level)
+    return dict(zip(fitted.parameters.names, ((low, high) for low, high in ends.tolist()), strict=True))
+
+
+def widened(identification: Identification, likely: Sequence[FittedModel], direction: str | None) -> Identification:
+    """Identification with intervals and standard deviations that cover likely changed models as well; values stay.
+
+    Intervals are the union of those of all these models; the covariance is the mean over the models of covariance plus
+    square of the distance from the identified values. A model where that is not finite is left out of the mean. Models
+    have equal weight: with the misfits of wrong models, likelihood weights would favour one changed model alone, which
+    need not be the right one. A parameter on which the models disagree by more than its value is not identified; notes
+    and warnings say so, and the total mass has its wider deviation.
+
+    Parameters
+    ----------
+    identification : Identification
+    likely : sequence of FittedModel
+        Fits of the likely changed models; without any the identification is returned as it is.
+    direction : str, optional
+        Direction of the translation for which the total mass is computed, such as ``X``.
+
+    References
+    ----------
+    Draper (1995), J. R. Stat. Soc. B 57, Eq. (11), with equal weights and about the answer's own values.
+    """
+    if not likely or identification.target is None:
+        return identification
+    estimate, own = identification.estimate, identification.intervals
+    ends, covariance = own.ends.copy(), estimate.covariance_of_data
+    squares = [covariance]
+    for fitted in likely:
+        place = {name: number for number, name in enumerate(fitted.modified.target.names)}
+        here = np.array([number for number, name in enumerate(estimate.names) if name in place], dtype=np.intp)
+        there = np.array([place[estimate.names[number]] for number in here], dtype=np.intp)
+        change = np.array(list(fitted.values.values()))[there] - estimate.values[here]
+        square = covariance.copy()
+        square[np.ix_(here, here)] = fitted.covariance_of_data[np.ix_(there, there)] + np.outer(change, change)
+        if np.isfinite(square).all():
+            squares.append(square)
+        others = np.array(list(intervals_of(fitted, own.level).values()))[there]
+        ends[here] = np.stack([np.fmin(ends[here, 0], others[:, 0]), np.fmax(ends[here, 1], others[:, 1])], axis=1)
+    many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
+    words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
+    union = DenseCovariance(np.mean(squares, axis=0))
+    known = estimate.identified & ~(union.std > identification.target.unknowns.sizes(estimate.values))
+    lost = [
+        name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
+    ]
+    notes = (
+        (words, f"these disagree by more than the value about {join_words(lost)}: not identified") if lost else (words,)
+    )
+    wider = replace(
+        estimate,
+        spread=replace(estimate.spread, model_error=union, covariance_basis="model_error", identified=known),
+    )
+    before, now = estimate_warnings(estimate), estimate_warnings(wider)
+    kept = [one for one in identification.warnings if one in now or one not in before]
+    _, std = total_mass(
+        identification.problems[0], wider, direction, identification.freed[0] if identification.freed else None
+    )
+    return replace(
+        identification,
+        estimate=wider,
+        warnings=(*(one for one in now if one not in kept), *kept),
+        intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
+        mass=replace(identification.mass, std=std),
+    )
+
 
 _FEW_FITTED = (
     f"of a model of more than {MOST_DOFS} degrees of freedom, {LARGE_MODEL_REFITS} likely changes are fitted at most"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -28,12 +28,13 @@ from structid.diagnose.tested_model import ModelDraft, TestedModel
 from structid.fem import ELEMENT_TYPES, Base, Constraint, RigidLink
 from structid.fem.measuring_points import AimedSensor, unit_direction
 from structid.forward import ChannelUnknown
-from structid.identification.setups.modal import ModalSetup, chosen_modes
-from structid.identification.setups.time import TimeSetup
-from structid.modal import ModalRecord
+from structid.identification import setups
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import segment_duration
 from structid.unknowns import Unknown
+
+if TYPE_CHECKING:
+    from structid.modal import ModalRecord
 
 _DIGITS = 6
 _TIES: dict[str, type[RigidLink] | type[Constraint]] = {"rigid_link": RigidLink, "constraint": Constraint}
@@ -357,9 +358,9 @@ class AddChannelError:
         """
         record, entry = draft.records[self.record], self.entry
         is_sensor_gain = "outputs" in entry and entry["property"] == "gain"
-        if isinstance(record.setup, ModalSetup) and not is_sensor_gain:
+        if not isinstance(record.get("record"), FrfRecord | TimeRecord) and not is_sensor_gain:
             raise InputError("of errors of channels, modes show the gains of sensors only")
-        if isinstance(record.setup, TimeSetup) and record.setup.settings.fit != "spectra":
+        if isinstance(record.get("record"), TimeRecord) and record.get("settings").fit != "spectra":
             raise InputError("errors of channels are parameters of histories only where they are fitted as spectra")
         record.channel_unknowns.append(ChannelUnknown(**entry))
 
@@ -436,7 +437,7 @@ class UseModes:
 
     def apply(self, draft: ModelDraft) -> None:
         record = draft.records[self.record]
-        record.set("record", chosen_modes(record.get("record"), self.numbers))
+        record.set("record", setups.chosen_modes(record.get("record"), self.numbers))
 
     def write(self, study: Tables) -> None:
         modes = record_tables(study)[self.record].setdefault("modes", {})
@@ -479,7 +480,7 @@ class ScaleAxis:
         """Multiply frequencies, sampling rates, tones, bands and excluded spans of a model draft by `self.factor`."""
         for record in draft.records:
             record.set("record", self._scale_axis(record.get("record")))
-            if isinstance(record.setup, TimeSetup):
+            if isinstance(record.get("record"), TimeRecord):
                 shown, settings = record.get("shown"), record.get("settings")
                 record.set("shown", None if shown is None else self._scale_axis(shown))
                 record.set("settings", replace(settings, tones=tuple(self.factor * tone for tone in settings.tones)))

@@ -23,7 +23,8 @@ from structid.diagnose.thresholds import (
     OTHER_STATE_MISFIT,
     SAME_MISFIT,
 )
-from structid.forward import FrfProblem, SpectraProblem
+from structid.forward import FrfProblem
+from structid.forward.time import compares_spectra
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.inversion import Problem
 from structid.inversion.diagnostics.residual_tests import misfit_probability
@@ -426,7 +427,7 @@ def _with_other_lines(base: FittedModel, modified: ModifiedModel, theta: FloatAr
     if isinstance(problem, FrfProblem):
         residual = _residual_of_all_data(base, modified, theta, base.modified.target)
         spans = outlying_spans(problem, residual[: problem.n_data])
-    elif isinstance(changed, SpectraProblem):
+    elif compares_spectra(changed):
         more = tones(changed, changed.residual(theta)[: changed.n_data])
         spans = (*candidate.where, *more) if more else ()
     if not spans or spans == candidate.where:

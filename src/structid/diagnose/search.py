@@ -36,9 +36,8 @@ from structid.diagnose.refits import (
     restore_fit,
 )
 from structid.diagnose.score_test import RequestedChange, Screened
-from structid.diagnose.screening import derived_candidates, promising_first_changes, shortlist_candidates
+from structid.diagnose.screening import derived_candidates, promising_first_changes, screen_sets, shortlist_candidates
 from structid.diagnose.search_budget import NOTHING, UNLIMITED, Expense, SearchBudget, map_within_budget
-from structid.diagnose.set_screening import screen_sets
 from structid.diagnose.thresholds import (
     ALIKE,
     CAUSE_RISK,

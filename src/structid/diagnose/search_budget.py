@@ -27,8 +27,9 @@ from structid.diagnose.thresholds import (
     SUMMED_TERMS,
     VALUE_EFFORT,
 )
-from structid.forward import FrfProblem, RecordProblem, SpectraProblem
+from structid.forward import FrfProblem, RecordProblem
 from structid.forward.modal import compares_modes
+from structid.forward.time import compares_spectra
 from structid.inversion import JointProblem, Problem
 from structid.inversion.search.least_squares import Progress
 from structid.inversion.search.work import Item, Shared, Task, TaskExecutor
@@ -56,7 +57,7 @@ def iteration_effort(problem: Problem) -> float:
     if isinstance(problem, FrfProblem):
         return ITERATION_EFFORT + jacobian + ENTRY_EFFORT * len(problem.frequency) * n_dofs * min(n_dofs, FULL_DOFS)
     fields = 0.0
-    if isinstance(problem, SpectraProblem):  # responses of every degree of freedom at every line
+    if compares_spectra(problem):  # responses of every degree of freedom at every line
         fields = ENTRY_EFFORT * len(problem.frequency) * n_dofs * min(n_dofs, SUMMED_TERMS)
     return ITERATION_EFFORT + jacobian + VALUE_EFFORT * problem.n_data + fields
 

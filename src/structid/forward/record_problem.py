@@ -129,6 +129,8 @@ class RecordProblem(Problem):
     channels: ChannelErrors | None = None
     #: True where the record holds modes, False where it holds responses.
     compares_modes: ClassVar[bool] = False
+    #: True where finite Fourier transforms of histories are compared.
+    compares_spectra: ClassVar[bool] = False
 
     @cached_property
     def unknowns(self) -> NamedUnknowns:

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray
 from structid.diagnose.causes.appendage import Appendage
 from structid.diagnose.causes.axial_force import AxialForce
 from structid.diagnose.causes.between import LoadBetween, SensorBetween
-from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.candidate import Candidate, has_places
 from structid.diagnose.causes.channel_left_out import FaultyChannel
 from structid.diagnose.causes.clock import Clock
 from structid.diagnose.causes.damping_law import DampingLaw
@@ -32,7 +32,6 @@ from structid.diagnose.causes.mesh import CoarseMesh
 from structid.diagnose.causes.node_place import NodePlace
 from structid.diagnose.causes.offset import MassOffset
 from structid.diagnose.causes.outlying_lines import OutlyingLines
-from structid.diagnose.causes.places import has_places
 from structid.diagnose.causes.polarity import LoadPolarity, SensorPolarity
 from structid.diagnose.causes.position import LoadPosition, SensorPosition
 from structid.diagnose.causes.record_left_out import OtherState

@@ -10,8 +10,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import parse_dof
-from structid.diagnose.causes.candidate import POSITIVE, Candidate
-from structid.diagnose.causes.places import chosen_nodes, inertia, spread
+from structid.diagnose.causes.candidate import POSITIVE, Candidate, chosen_nodes, inertia, spread
 from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.effects import Directions, direction_of, effect_of_addition, stiffness_scale
 from structid.diagnose.model_edits import AddNode, AddPart, AddUnknown, Edits, rounded

@@ -10,8 +10,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import DIRECTIONS, Dof, parse_dof
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.channels import NUMBER_STEPS, Channel, channels, index_of
+from structid.diagnose.causes.candidate import NUMBER_STEPS, Candidate, Channel, channels, index_of
 from structid.diagnose.causes.direction import follower
 from structid.diagnose.effects import channel_change, channel_reading
 from structid.diagnose.model_edits import AddNode, Edits, rounded

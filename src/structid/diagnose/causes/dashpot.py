@@ -7,8 +7,15 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.diagnose.causes.candidate import POSITIVE, Candidate
-from structid.diagnose.causes.places import MOST_ELEMENTS, chosen_dofs, spread, spring_ends, velocity
+from structid.diagnose.causes.candidate import (
+    MOST_ELEMENTS,
+    POSITIVE,
+    Candidate,
+    chosen_dofs,
+    spread,
+    spring_ends,
+    velocity,
+)
 from structid.diagnose.effects import Directions, effect_of_addition, stiffness_scale, strengths_about
 from structid.diagnose.model_edits import AddPart, AddUnknown, Edits, rounded
 from structid.diagnose.receptances import Receptances

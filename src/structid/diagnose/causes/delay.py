@@ -10,8 +10,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.channels import FACTORS, channels, index_of
+from structid.diagnose.causes.candidate import FACTORS, Candidate, channels, index_of
 from structid.diagnose.effects import scaled_channel
 from structid.diagnose.model_edits import AddChannelError, Edits, rounded
 from structid.diagnose.receptances import Receptances

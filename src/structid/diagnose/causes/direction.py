@@ -11,8 +11,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import DIRECTIONS, Dof, parse_dof
 from structid.core.errors import InputError
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.channels import ANGLES, NUMBER_STEPS, channels, index_of, other_directions
+from structid.diagnose.causes.candidate import ANGLES, NUMBER_STEPS, Candidate, channels, index_of, other_directions
 from structid.diagnose.effects import channel_change, channel_reading
 from structid.diagnose.model_edits import AddNode, AddPart, AimSensor, Edits, HoldSupports, renamed_channels, rounded
 from structid.diagnose.receptances import Receptances

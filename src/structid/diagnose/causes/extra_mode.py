@@ -12,7 +12,8 @@ from structid.core.arrays import FloatArray
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.model_edits import Edits, UseModes
 from structid.diagnose.tested_model import TestedModel
-from structid.forward import ModalProblem, RecordProblem
+from structid.forward import RecordProblem
+from structid.forward.modal import compares_modes
 
 _FEWEST_MODES = 2
 
@@ -43,7 +44,7 @@ class ExtraMode(Candidate):
         `problems` has one problem for each record; only modal ones count. `residual` is not used.
         """
         for number, problem in enumerate(problems):
-            if isinstance(problem, ModalProblem) and len(problem.data.measured) > _FEWEST_MODES:
+            if compares_modes(problem) and len(problem.data.measured) > _FEWEST_MODES:
                 used = [mode + 1 for mode in problem.data.measured.tolist()]
                 for mode in problem.data.measured.tolist():
                     where = (f"{problem.record.frequency[mode]:.5g} Hz",)

@@ -10,8 +10,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import parse_dof
-from structid.diagnose.causes.candidate import POSITIVE, Candidate
-from structid.diagnose.causes.places import chosen_dofs
+from structid.diagnose.causes.candidate import POSITIVE, Candidate, chosen_dofs
 from structid.diagnose.effects import Directions, direction_of, effect_of_friction
 from structid.diagnose.model_edits import AddPart, AddUnknown, Edits, rounded
 from structid.diagnose.receptances import Receptances

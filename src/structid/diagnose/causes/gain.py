@@ -15,13 +15,12 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import parse_dof
 from structid.core.errors import InputError
 from structid.core.units import MISTAKEN_FORCES, mistaken_motions, mistaken_unit
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.channels import FACTORS, channels, index_of
+from structid.diagnose.causes.candidate import FACTORS, Candidate, channels, index_of
 from structid.diagnose.effects import scaled_channel
 from structid.diagnose.model_edits import AddChannelError, Edits, rounded
 from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel
-from structid.identification.setups.modal import ModalSetup
+from structid.records import FrfRecord, TimeRecord
 
 #: Difference of a gain's logarithm from that of another unit within which it is taken for it.
 _UNIT = 0.05
@@ -191,7 +190,7 @@ class RecordGain(Gain):
         InputError
             If the record is of modes, whose shapes have no scale.
         """
-        if isinstance(model.setups[self.record or 0], ModalSetup):
+        if not isinstance(model.setups[self.record or 0].record, FrfRecord | TimeRecord):
             raise InputError("modes do not show a gain that all sensors share")
         start = rounded(float(np.exp(np.clip(strength, -_LARGEST_LOG, _LARGEST_LOG))))
         name = " of ".join(self.where)

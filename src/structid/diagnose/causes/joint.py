@@ -9,9 +9,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.diagnose.causes.added import added_spring
-from structid.diagnose.causes.candidate import POSITIVE, Candidate
-from structid.diagnose.causes.places import MOST_ELEMENTS, spread
+from structid.diagnose.causes.candidate import MOST_ELEMENTS, POSITIVE, Candidate, added_spring, spread
 from structid.diagnose.effects import effect_of_release, strengths_about
 from structid.diagnose.model_edits import Edits, rounded
 from structid.diagnose.receptances import Receptances

@@ -8,9 +8,14 @@ from typing import ClassVar
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import DIRECTIONS, Dof
-from structid.diagnose.causes.added import unknown_of_either_sign
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import chosen_dofs, has_places, inertia, record_words
+from structid.diagnose.causes.candidate import (
+    Candidate,
+    chosen_dofs,
+    has_places,
+    inertia,
+    record_words,
+    unknown_of_either_sign,
+)
 from structid.diagnose.effects import (
     Directions,
     all_directions,

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from structid.core.errors import InputError
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import spread
+from structid.diagnose.causes.candidate import Candidate, spread
 from structid.diagnose.model_edits import AddUnknown, Edits, LetNodeSlide
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import MOST_NODE_PLACES

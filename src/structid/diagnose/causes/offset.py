@@ -11,8 +11,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import InputError
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_NODES, inertia, spread
+from structid.diagnose.causes.candidate import MOST_NODES, Candidate, inertia, spread
 from structid.diagnose.effects import Directions, effect_of_coupling
 from structid.diagnose.model_edits import AddNode, AddPart, Edits, MoveMass, rounded
 from structid.diagnose.receptances import Receptances

@@ -9,8 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import few_words
+from structid.diagnose.causes.candidate import Candidate, few_words
 from structid.diagnose.data_rows import outlying_spans, rows_of
 from structid.diagnose.model_edits import Edits, ExcludeLines
 from structid.diagnose.tested_model import TestedModel

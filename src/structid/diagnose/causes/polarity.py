@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.channels import channels, index_of
+from structid.diagnose.causes.candidate import Candidate, channels, index_of
 from structid.diagnose.effects import scaled_channel
 from structid.diagnose.model_edits import Edits, renamed_channels
 from structid.diagnose.receptances import Receptances

@@ -8,8 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import record_words
+from structid.diagnose.causes.candidate import Candidate, record_words
 from structid.diagnose.model_edits import Edits, RemoveRecord
 from structid.diagnose.tested_model import TestedModel
 from structid.forward import RecordProblem

@@ -10,10 +10,8 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import parse_dof
-from structid.diagnose.causes.added import unknown_of_either_sign
-from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.candidate import Candidate, chosen_nodes, inertia, unknown_of_either_sign
 from structid.diagnose.causes.mass import lack_words
-from structid.diagnose.causes.places import chosen_nodes, inertia
 from structid.diagnose.effects import direction_of, effect_of_addition, stiffness_scale, strengths_about
 from structid.diagnose.model_edits import AddPart, Edits, rounded
 from structid.diagnose.receptances import Receptances

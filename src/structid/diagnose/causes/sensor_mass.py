@@ -11,10 +11,8 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
 from structid.core.dof import Dof
-from structid.diagnose.causes.added import unknown_of_either_sign
-from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.candidate import Candidate, inertia, unknown_of_either_sign
 from structid.diagnose.causes.mass import lack_words
-from structid.diagnose.causes.places import inertia
 from structid.diagnose.effects import (
     all_directions,
     direction_of,

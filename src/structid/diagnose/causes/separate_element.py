@@ -11,8 +11,15 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_ELEMENTS, Factored, factored, moved_elements, spread, summed
+from structid.diagnose.causes.candidate import (
+    MOST_ELEMENTS,
+    Candidate,
+    Factored,
+    factored,
+    moved_elements,
+    spread,
+    summed,
+)
 from structid.diagnose.effects import all_directions, effect_of_addition
 from structid.diagnose.model_edits import Edits, SeparateElement, rounded
 from structid.diagnose.receptances import ElementMatrix, Receptances

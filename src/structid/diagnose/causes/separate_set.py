@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import ClassVar
 
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_ELEMENTS, factored, moved_elements, spread, summed
+from structid.diagnose.causes.candidate import MOST_ELEMENTS, Candidate, factored, moved_elements, spread, summed
 from structid.diagnose.causes.separate_element import (
     PARTS,
     Differing,

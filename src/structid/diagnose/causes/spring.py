@@ -9,9 +9,7 @@ from typing import ClassVar
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
 from structid.core.dof import parse_dof
-from structid.diagnose.causes.added import added_spring
-from structid.diagnose.causes.candidate import POSITIVE, Candidate
-from structid.diagnose.causes.places import chosen_dofs, constant
+from structid.diagnose.causes.candidate import POSITIVE, Candidate, added_spring, chosen_dofs, constant
 from structid.diagnose.effects import Directions, direction_of, effect_of_addition, stiffness_scale, strengths_about
 from structid.diagnose.model_edits import Edits, rounded
 from structid.diagnose.receptances import Receptances

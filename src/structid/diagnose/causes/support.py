@@ -12,8 +12,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
-from structid.diagnose.causes.added import added_spring
-from structid.diagnose.causes.candidate import POSITIVE, Candidate
+from structid.diagnose.causes.candidate import POSITIVE, Candidate, added_spring
 from structid.diagnose.effects import effect_of_release, strengths_about
 from structid.diagnose.model_edits import (
     AddNode,

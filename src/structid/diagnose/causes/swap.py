@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.channels import index_of
+from structid.diagnose.causes.candidate import Candidate, index_of
 from structid.diagnose.model_edits import Edits, renamed_channels
 from structid.diagnose.receptances import Receptances
 from structid.diagnose.tested_model import TestedModel

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from structid.core.arrays import FloatArray
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import few_words
+from structid.diagnose.causes.candidate import Candidate, few_words
 from structid.diagnose.data_rows import rows_of, tones
 from structid.diagnose.model_edits import AddTones, Edits
 from structid.diagnose.tested_model import TestedModel
-from structid.forward import RecordProblem, SpectraProblem
+from structid.forward import RecordProblem
+from structid.forward.time import compares_spectra
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,7 +33,7 @@ class Tone(Candidate):
         another.
         """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
-            heard = tones(problem, own) if isinstance(problem, SpectraProblem) else ()
+            heard = tones(problem, own) if compares_spectra(problem) else ()
             if heard:
                 yield cls(where=heard, record=number)
 

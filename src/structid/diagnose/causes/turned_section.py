@@ -11,8 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.display import join_words
 from structid.core.errors import InputError
-from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_ELEMENTS, spread
+from structid.diagnose.causes.candidate import MOST_ELEMENTS, Candidate, spread
 from structid.diagnose.model_edits import Edits, SetProperty, rounded
 from structid.diagnose.tested_model import TestedModel
 from structid.fem import SpaceBeam, Structure

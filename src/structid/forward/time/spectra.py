@@ -584,6 +584,8 @@ class SpectraProblem(RecordProblem):
     cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
     tones: tuple[float, ...] = ()
 
+    compares_spectra = True
+
     def __post_init__(self) -> None:
         """Raise `InputError` if the structure has friction or no modes, or a window's decay is unknown."""
         self.structure.require_modes("histories")

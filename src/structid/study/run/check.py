@@ -9,8 +9,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
-from structid.diagnose.checks.aligned_responses import ResonancePair
-from structid.diagnose.checks.initial_comparison import InitialComparison
+from structid.diagnose.checks.initial_comparison import InitialComparison, ResonancePair
 from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
 from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.dynamics import Modes
