@@ -12,8 +12,7 @@ from structid.core.quantities import with_std
 from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
-from structid.report.figures.shapes import _orbits, mode_scene
-from structid.report.figures.survey import CHOSEN, CLUSTERED, OUTSIDE, mode_labels, pole_kinds
+from structid.report.figures.survey import CHOSEN, CLUSTERED, OUTSIDE, _orbits, mode_labels, mode_scene, pole_kinds
 from structid.report.modes import mode_table, modes_page, remarks
 from structid.report.rendering.png import pictures
 from structid.similarity import mac

@@ -15,7 +15,7 @@ from structid.core.display import as_sentence, join_words, plural
 from structid.core.errors import StructidError
 from structid.diagnose.causes.candidate import MOST_DOFS
 from structid.diagnose.causes.fixed_value import FixedValue, fixed_values
-from structid.diagnose.diagnosed import DiagnosedIdentification, SplitCheck, noise_level, without_causes
+from structid.diagnose.diagnosis import DiagnosedIdentification, SplitCheck, noise_level, without_causes
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, influences
 from structid.diagnose.modified_model import are_small, base_model, prepared_problems, started_at, weighed_like
 from structid.diagnose.refits import FittedModel, ToleranceTest

@@ -18,12 +18,12 @@ from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
 from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
-from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.survey import (
     complexity_figure,
     damping_figure,
     mac_figure,
     mpc,
+    shapes_figure,
     spectra_figure,
     stabilization_figure,
     tracks_figure,

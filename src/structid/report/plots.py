@@ -24,10 +24,9 @@ from structid.report.figures.parameters import (
     parameters_figure,
 )
 from structid.report.figures.responses import residual_map_figure, responses_figure, worst_channels
-from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.side_by_side import model_shapes_figure
 from structid.report.figures.structure import shadings, structure_figure
-from structid.report.figures.survey import stabilization_figure
+from structid.report.figures.survey import shapes_figure, stabilization_figure
 from structid.report.rendering.plot import Figure
 from structid.report.rendering.png import plotted
 
