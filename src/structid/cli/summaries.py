@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from statistics import median
+from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.text import Text
@@ -16,8 +17,10 @@ from structid.identification.identified import Identification
 from structid.identification.ratios import ON_FORCE
 from structid.study.results.result import UPDATED, StudyResult
 from structid.study.results.view import MOST_ADVICE, PARAMETERS, ResultsView
-from structid.study.run.check import CheckResult
 from structid.study.run.diagnosis import FOLDER as SUGGESTIONS
+
+if TYPE_CHECKING:
+    from structid.study.run.check import CheckResult
 
 #: Rows of parameters that are printed; those that are not determined come first where there are more.
 _MOST_ROWS, _MOST_CHANGES, _MOST_CAUSES = 24, 10, 5

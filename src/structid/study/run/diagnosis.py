@@ -20,7 +20,6 @@ from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.study.results.result import StudyResult
 from structid.study.run.start import PreparedStudy
 from structid.study.run.workers import threads_for
-from structid.study.schema.edits import changed_text
 from structid.study.schema.records.record import read_histories
 from structid.study.schema.study import Study
 
@@ -43,6 +42,7 @@ def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple
 
     These lines begin with "+ " or "- "; blank ones are left out. `InputError` if the file cannot hold a change.
     """
+    from structid.study.schema.edits import changed_text  # an editor of TOML is needed for suggestions alone
 
     def change_tables(tables: dict[str, Any]) -> None:
         for change in changes:
@@ -105,6 +105,8 @@ def write_suggestion(study: Study, changes: Sequence[Change], path: Path, folder
 
     Relative paths of its input files are rewritten so that they are right from `folder`.
     """
+    from structid.study.schema.edits import changed_text  # as in `suggestion_text`
+
     away = Path(os.path.relpath(study.path.parent.resolve(), folder.resolve()))
     names = {name for name in study.digests if name != study.path.name}
 
