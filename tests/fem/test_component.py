@@ -31,7 +31,7 @@ from structid.dynamics.normal_modes import modes
 from structid.fem.measuring_points import AimedSensor
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response
-from structid.identification.truncation import frf_truncation, modes_truncation
+from structid.identification.record_fit import frf_truncation, modes_truncation
 from structid.planning.plan import resolve_options
 from structid.unknowns import penalty
 

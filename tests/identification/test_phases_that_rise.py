@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structid.identification.checks import record_warnings
+from structid.identification.setups.setup import record_warnings
 from structid.records import FrfRecord
 
 

@@ -14,7 +14,6 @@ from written_reports import Report
 
 import structid as si
 from structid.identification.identified import Identification
-from structid.report import write_report
 from structid.report.drawing.drawing import Label, place_without_overlap, structure_picture
 from structid.report.drawing.palette import DIVERGING, steps
 from structid.report.figures.parameters import correlation_figure, mode_rows, parameters_figure
@@ -28,6 +27,7 @@ from structid.report.figures.responses import (
     worst_channels,
 )
 from structid.report.figures.structure import Change, element_style, shading, shadings, structure_figure
+from structid.report.identification import write_report
 from structid.report.rendering.plot import Area, ColourScale, Curve, Panel, Texts
 from structid.report.rendering.png import STYLE, drawn, plain
 

@@ -18,8 +18,7 @@ from written_reports import PROVENANCE, TITLE, Report
 from structid.core.errors import FileError
 from structid.core.quantities import number
 from structid.identification.identified import Identification
-from structid.report import write_report
-from structid.report.identification import report_page, sorted_warnings
+from structid.report.identification import report_page, sorted_warnings, write_report
 from structid.report.page import plotly_part
 
 _SECTIONS = ("verdict", "values", "fit", "structure", "more")

@@ -8,7 +8,7 @@ from pathlib import Path
 from page_parts import words
 
 from structid.identification.identified import Identification
-from structid.report import write_report
+from structid.report.identification import write_report
 
 TITLE = 'Frame <b>7</b> & "base"'
 PROVENANCE = {"version": "0.1", "files": {"<frf>.npz": "ab" * 32}, "seed": 7}

@@ -24,10 +24,9 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.joint_problem import indices_of, tolerances_clause
 from structid.identification.options import IdentifyOptions
 from structid.identification.ratios import Ratios
-from structid.identification.record_fit import RecordFit, Resonance
+from structid.identification.record_fit import RecordFit, Resonance, Truncation
 from structid.identification.regularizing import AppliedRegularization
 from structid.identification.setups.setup import AnySetup
-from structid.identification.truncation import Truncation
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
 from structid.inversion.estimate import Value

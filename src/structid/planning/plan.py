@@ -15,8 +15,8 @@ from structid.core.errors import InputError
 from structid.fem import Friction, Structure
 from structid.forward.fixed_values import append_fixed_factors
 from structid.forward.frf.response import response
-from structid.identification.checks import require_sound_model
 from structid.identification.record_fit import structure_modes
+from structid.identification.setups.setup import require_sound_model
 from structid.inversion.covariance import inverse_information
 from structid.inversion.diagnostics.design import (
     effective_independence,

@@ -200,7 +200,7 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
         from structid.report.identification import free_page
 
         return free_page(result).write(folder, png).name
-    from structid.report import write_report
+    from structid.report.identification import write_report
 
     return write_report(
         result.identification, folder, result.study.title, asdict(result.provenance), png, result.diagnosis

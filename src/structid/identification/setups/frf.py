@@ -16,11 +16,9 @@ from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
 from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
-from structid.identification.checks import record_warnings
 from structid.identification.options import IdentifyOptions
-from structid.identification.record_fit import FittedUnknowns, RecordFit, record_fit
-from structid.identification.setups.setup import Prepared, RecordSetup
-from structid.identification.truncation import Truncation, frf_truncation
+from structid.identification.record_fit import FittedUnknowns, RecordFit, Truncation, frf_truncation, record_fit
+from structid.identification.setups.setup import Prepared, RecordSetup, record_warnings
 from structid.records import FrfRecord
 from structid.records.quality.findings import Finding
 from structid.records.scatter import missing_floor, with_noise_floor

@@ -32,11 +32,10 @@ from structid.forward import (
 from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors
 from structid.forward.time.options import Hold, Initial, TimeMethod
 from structid.forward.time.spectra import NO_WINDOW, transient_order
-from structid.identification.checks import record_warnings
 from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import FittedUnknowns, RecordFit, record_fit
 from structid.identification.setups.frf import inside, used_lines
-from structid.identification.setups.setup import Prepared, RecordSetup
+from structid.identification.setups.setup import Prepared, RecordSetup, record_warnings
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.records import FrfRecord, TimeRecord, frf_from_time

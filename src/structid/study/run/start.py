@@ -15,9 +15,15 @@ from structid.fem import Structure
 from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
 from structid.identification import setups as record_setups
-from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
-from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
+from structid.identification.setups.setup import (
+    AnySetup,
+    Prepared,
+    prefixes,
+    prepared_warnings,
+    require_sound_model,
+    titles,
+)
 from structid.records import FrfRecord, TimeRecord
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.section import Section
