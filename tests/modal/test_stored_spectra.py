@@ -117,6 +117,18 @@ def test_spectra_that_say_too_little_are_refused(tmp_path, changes, words):
         read_spectrum(universal(tmp_path / "a.unv", LOWER, **changes))
 
 
+def test_limits_of_frequencies_and_their_deviations_hold_for_spectra_too(tmp_path):
+    record = read_spectrum(universal(tmp_path / "a.uff", ALL))
+    with pytest.raises(InputError, match=r"at most 49.95 Hz, the last line of the spectra, got 60 Hz"):
+        identify_modes(record, frequencies=[10.0, 60.0])
+    modes = identify_modes(record)
+    order = np.argsort(modes.frequency_std / modes.frequency)
+    relative = (modes.frequency_std / modes.frequency)[order]
+    assert relative[0] < relative[-1]
+    kept = identify_modes(record, deviation=float(relative[:2].mean()))
+    assert kept.frequency.tolist() == modes.frequency[order[:1]].tolist()
+
+
 def test_peaks_alone_have_no_damping(tmp_path):
     modes = modes_of_file(universal(tmp_path / "a.unv", ALL), ModesOptions(method="fdd")).modes
     assert modes.frequency == pytest.approx(FREQUENCY, abs=0.05)

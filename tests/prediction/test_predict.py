@@ -3,6 +3,7 @@
 from functools import partial
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from scipy import stats
@@ -13,6 +14,7 @@ from structid.prediction.changes import changed_model
 from structid.prediction.identified_model import identified_model
 from structid.prediction.model_error import ModelError
 from structid.prediction.predict import predict_together
+from structid.study.results.stored_model import stored_band
 from structid.study.run import predicting
 
 NODES = {i: float(i) for i in range(4)}
@@ -303,6 +305,13 @@ def test_what_a_model_misses_widens_histories_maxima_and_spectra():
     assert "what the fit misses" in motion.words
     [sure] = predict_together(make_oscillator(1e-9), [sid.NaturalModes(1)], 50, model_error=error)
     assert "what the fit misses" not in sure.words
+
+
+@pytest.mark.parametrize(("lines", "expected"), [([0.0, 3.0, 8.0], (3.0, 8.0)), ([0.0], None), ([], None)])
+def test_fitted_frfs_without_a_line_above_0_hz_have_no_band(tmp_path, lines, expected):
+    with h5py.File(tmp_path / "estimate.h5", "w") as file:
+        file["frf/frequency"] = np.array(lines)
+    assert stored_band(tmp_path) == expected
 
 
 @pytest.mark.parametrize(

@@ -203,6 +203,19 @@ def test_uneven_times_and_times_without_a_rate(tmp_path):
         read_record(written(time=time))
 
 
+@pytest.mark.parametrize(("jitter", "words"), [(0.0, "holds 500 times a second"), (0.2, "hold 500 samples a second")])
+def test_a_stated_rate_must_agree_with_the_times(tmp_path, jitter, words):
+    pa = pytest.importorskip("pyarrow", reason="needs structid[parquet]")
+    from pyarrow import parquet
+
+    path, numbers = tmp_path / "a.parquet", np.arange(51.0)
+    times = numbers + jitter * np.sin(np.pi * numbers / 4) * (numbers > 0) * (numbers < 50)
+    parquet.write_table(pa.table({"t [ms]": 2.0 * times, "1X [N]": numbers}), str(path))
+    assert read_record(path, ReadOptions(sampling_rate=500, resample="spline")).sampling_rate == pytest.approx(500)
+    with pytest.raises(InputError, match=rf"{words}, but `sampling_rate` 1000 was given"):
+        read_record(path, ReadOptions(sampling_rate=1000, resample="spline"))
+
+
 def test_what_the_library_of_miniseed_warns_of_is_told_and_the_file_is_read(monkeypatch):
     """Records are checked one by one there, so that a warning is no damage."""
     stats = SimpleNamespace(npts=4, sampling_rate=10.0, starttime=0.0)

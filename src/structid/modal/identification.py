@@ -123,14 +123,14 @@ def modal_identification(
     """Modes of records by `method`, with the poles of all model orders and their clusters where the method has them.
 
     `method` None is ``pencil`` for time records, ``lscf`` for FRFs, ``efdd`` for spectra and ``ssi_cov`` for
-    correlation functions. Modes of time records and FRFs with a relative standard deviation of frequency above
-    `options.deviation`, where that is set, go to `left_out`. None for `options` takes the defaults.
+    correlation functions. Modes with a relative standard deviation of frequency above `options.deviation`, where that
+    is set, go to `left_out`. None for `options` takes the defaults.
 
     Raises
     ------
     InputError
         If `records` are empty or of another class, the method does not exist or does not suit them, or a frequency
-        asked for lies above half the sampling rate.
+        asked for lies above half the sampling rate, or the last line of stored spectra.
     NoModesError
         If no mode can be relied on.
     """
@@ -143,7 +143,8 @@ def modal_identification(
             raise InputError(
                 f"`method` must be {' or '.join(methods)} for stored {words}, got {method!r}, which needs histories or FRFs"
             )
-        return methods[method or next(iter(methods))](records, options)
+        _require_measured(records, options)
+        return _without_uncertain_modes(methods[method or next(iter(methods))](records, options), options)
     if method is None:
         method = next(name for name, known in METHODS.items() if known.of_frfs == of_frfs)
     if method in _GONE:
@@ -164,8 +165,12 @@ def modal_identification(
                 f"`records` must be one or more records, got {type(records).__name__}; read them from a file, or take the"
                 " `record` of what `remove_tones` gives"
             )
-        _require_below_nyquist(records, options)
-    found = METHODS[method].identify(records, options)
+        _require_measured(records, options)
+    return _without_uncertain_modes(METHODS[method].identify(records, options), options)
+
+
+def _without_uncertain_modes(found: ModalIdentification, options: ModalOptions) -> ModalIdentification:
+    """Modes whose relative standard deviation of frequency is at most `options.deviation`, where that is set."""
     if options.deviation is None:
         return found
     uncertain = found.modes.frequency_std > options.deviation * found.modes.frequency
@@ -173,14 +178,23 @@ def modal_identification(
     return found.kept(~uncertain, words)
 
 
-def _require_below_nyquist(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions) -> None:
-    """Raise `InputError` if a limit, frequency or band of `options` exceeds half the lowest sampling rate of the records."""
-    given = (records,) if isinstance(records, TimeRecord) else tuple(records)
-    limit = min((r.sampling_rate / 2 for r in given if isinstance(r, TimeRecord)), default=np.inf)
+def _require_measured(
+    records: TimeRecord | Sequence[TimeRecord] | SpectrumRecord | CorrelationRecord, options: ModalOptions
+) -> None:
+    """Raise `InputError` if a limit, frequency or band of `options` exceeds the highest frequency of the records.
+
+    That is half the lowest sampling rate of histories or correlation functions, and the last line of spectra.
+    """
+    if isinstance(records, SpectrumRecord):
+        limit, words = float(records.frequency[-1]), "the last line of the spectra"
+    else:
+        given = (records,) if isinstance(records, TimeRecord | CorrelationRecord) else tuple(records)
+        rates = [r.sampling_rate for r in given if isinstance(r, TimeRecord | CorrelationRecord)]
+        limit, words = min(rates, default=np.inf) / 2, "half the sampling rate"
     bands = [f for band in options.bands or () for f in band]
     asked = [f for f in (*options.criteria.frequency, *(options.frequencies or ()), *bands) if np.isfinite(f)]
     if max(asked, default=0.0) > limit:
         raise InputError(
-            f"frequencies asked for must be at most {limit:g} Hz, half the sampling rate, got {max(asked):g} Hz; lower "
-            "`criteria`, `frequencies` or `bands`, or measure faster"
+            f"frequencies asked for must be at most {limit:g} Hz, {words}, got {max(asked):g} Hz; lower `criteria`,"
+            " `frequencies` or `bands`, or measure faster"
         )

@@ -452,7 +452,7 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     Raises
     ------
     InputError
-        If there are fewer than two records, or their axes, channels or kinds differ.
+        If there are fewer than two records, or their axes, channels, kinds or windows differ.
     """
     if len(records) < 2:
         raise InputError(f"noise from repeats needs at least 2 records, got {len(records)}")
@@ -462,6 +462,8 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     require_shared("outputs", [record.outputs for record in records], sources)
     require_shared("inputs", [record.inputs for record in records], sources)
     require_shared("frequencies, Hz", [record.frequency.tolist() for record in records], sources)
+    require_shared("decays of windows, 1/s", [record.laplace.real.tolist() for record in records], sources)
+    require_shared("durations of segments, s", [(record.segment,) for record in records], sources)
     values = np.array([record.values for record in records])
     mean, variance = values.mean(axis=0), values.var(axis=0, ddof=1) / len(records)
     pooled, relative = _pool_variance(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))

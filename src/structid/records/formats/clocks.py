@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
 from structid.records.formats.options import option_words
 
 #: Unevenness of sample times allowed, as a part of the step.
@@ -72,7 +72,7 @@ class Resampled(NamedTuple):
     words: str
 
 
-def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
+def resample(path: Path, time: FloatArray, values: FloatArray, stated: float | None) -> Resampled:
     """Samples at uneven times, interpolated by cubic splines at as many even times between the same ends.
 
     Returns samples, rate in Hz, first time in s and words on the error, which is measured by resampling sines of two
@@ -85,11 +85,15 @@ def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
     time : (n_times,) float array
         Times in s, at least four.
     values : (n_times, n_channels) float array
+    stated : float or None
+        The option `sampling_rate`, Hz, which the mean step must agree with to one step in the whole record.
 
     Raises
     ------
     FileError
         If there are fewer than four times, a step is below 0.5 or above 1.5 of the median step, or a value is NaN or infinite.
+    InputError
+        If the times contradict the stated rate.
     """
     from scipy.interpolate import CubicSpline
 
@@ -107,6 +111,12 @@ def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
         )
     even = np.linspace(time[0], time[-1], time.size)
     rate = float((time.size - 1) / (time[-1] - time[0]))
+    if stated is not None and abs(stated / rate - 1) > 1 / (time.size - 1):
+        raise InputError(
+            f"{path}: the times hold {rate:.6g} samples a second, but `sampling_rate` {stated:g} was given; leave it out, or"
+            " correct it",
+            "sampling_rate",
+        )
     splined = CubicSpline(time, values, axis=0)(even)
     inner = slice(2, -2)  # splines are worse at their ends
     costs = []

@@ -82,7 +82,7 @@ def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions
         raise FileError(f"{path}: holds no channel besides its times; export the channels too")
     uneven = _uneven_times(path, channels, time, wanted, options)
     if uneven is not None:
-        return _resample_channels(path, channels, wanted, uneven, words)
+        return _resample_channels(path, channels, wanted, uneven, options.sampling_rate, words)
     clock = None if time is None else _clock_of(path, channels[time], options)
     clocks = {j: clock or _own_clock(path, channels[j], options) for j in wanted}
     rate = _common_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
@@ -129,13 +129,13 @@ def _uneven_times(
 
 
 def _resample_channels(
-    path: Path, channels: Sequence[Channel], wanted: Sequence[int], times: FloatArray, words: str
+    path: Path, channels: Sequence[Channel], wanted: Sequence[int], times: FloatArray, stated: float | None, words: str
 ) -> NamedChannels:
     """The channels with indices `wanted`, resampled from `times` (n_times,) in s to even times; see `resample`.
 
-    `words` begin the note on what was read.
+    `stated` is the sampling rate of the options, Hz, and `words` begin the note on what was read.
     """
-    made = resample(path, times, np.stack([channels[j].values for j in wanted], axis=1))
+    made = resample(path, times, np.stack([channels[j].values for j in wanted], axis=1), stated)
     return NamedChannels(
         path=path,
         names=tuple(channels[j].name for j in wanted),
@@ -167,12 +167,23 @@ def _scale_of_times(path: Path, channel: Channel, options: ReadOptions) -> float
 
 
 def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
-    """Sampling rate in Hz and first time in s from a channel of times; `FileError` unless these are even and increase."""
+    """Sampling rate in Hz and first time in s from a channel of times.
+
+    `FileError` unless these are even and increase; `InputError` if the option `sampling_rate` differs, whose digits are
+    taken where it agrees.
+    """
     time = channel.values * _scale_of_times(path, channel, options)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:
         raise FileError(f"{path}: channel {channel.name!r} must hold even, increasing times; {resampling_remedy()}")
-    return float(1 / step), float(time[0])
+    rate, stated = float(1 / step), options.sampling_rate
+    if stated is not None and abs(stated / rate - 1) > max(_SAME_RATE, 2 * _EVEN / (len(time) - 1)):
+        raise InputError(
+            f"{path}: channel {channel.name!r} holds {rate:.9g} times a second, but `sampling_rate` {stated:g} was given; leave it"
+            " out, or correct it",
+            "sampling_rate",
+        )
+    return stated or rate, float(time[0])
 
 
 def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:

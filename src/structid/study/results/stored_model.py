@@ -213,13 +213,13 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
 
 
 def stored_band(folder: Path) -> tuple[float, float] | None:
-    """Lowest and highest frequency above 0, Hz, of the fitted FRFs of a results folder; None if no FRFs were fitted."""
+    """Lowest and highest frequency above 0, Hz, of the fitted FRFs of a results folder; None if it has none."""
     stored = _read_group(folder / "estimate.h5", "frf", ("frequency",))
     if "frequency" not in stored:
         return None
     frequency = np.asarray(stored["frequency"], dtype=float)
     positive = frequency[frequency > 0]
-    return float(positive.min()), float(positive.max())
+    return (float(positive.min()), float(positive.max())) if len(positive) else None
 
 
 def stored_loads(folder: Path, is_needed: bool = True) -> tuple[str, ...]:

@@ -125,7 +125,7 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
         _require_one_clock(table, axis, options)
     values, clock_used = table.values[:, keep], clock
     if clock.uneven is not None:
-        resampled = resample(table.path, clock.uneven, values)
+        resampled = resample(table.path, clock.uneven, values, options.sampling_rate)
         values, clock_used = resampled.values, _Clock(resampled.rate, clock.start + resampled.start, resampled.words)
     plain = axis == 0 and is_axis(table.names[0]) and "commas, decimal points, names in line 1" in table.words
     channels = NamedChannels(

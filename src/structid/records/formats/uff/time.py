@@ -214,7 +214,7 @@ def _even_samples(
     even = even_rate(time, function.digits * to_seconds)
     if even is None:
         if options.resample:
-            resampled = resample(path, time, values)
+            resampled = resample(path, time, values, options.sampling_rate)
             return resampled.rate, resampled.start, resampled.values, resampled.words
         off = float(np.abs(np.diff(time) - step).max())
         raise FileError(
