@@ -30,7 +30,10 @@ def repeated(count, relative, absolute, seed):
         ({"outputs": ("3X", "2Y")}, r"outputs: repeat 1 \(a\) has 2X\+, where repeat 3 \(c\) has 2Y\+"),
         ({"outputs": ("2X", "3X")}, r"outputs: repeat 1 \(a\) has another order"),
         ({"inputs": ["7Z"]}, r"inputs: repeat 1 \(a\) has 1X\+, where repeat 3 \(c\) has 7Z\+"),
-        ({"decay": [0.4, 0.4, 0.4]}, r"windows, 1/s: repeat 1 \(a\) has 0, where repeat 3 \(c\) has 0.4"),
+        (
+            {"decay": [0.4, 0.4, 0.4]},
+            r"windows, 1/s: repeat 1 \(a\) has 0, 0, 0, where repeat 3 \(c\) has 0.4, 0.4, 0.4",
+        ),
         ({"segment": 2.0}, r"segments, s: repeat 1 \(a\) has None, where repeat 3 \(c\) has 2"),
         ({"frequency": [1, 2.5, 3]}, r"frequencies, Hz: repeat 1 \(a\) has 2, where repeat 3 \(c\) has 2.5"),
         (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,7 @@ from page_parts import pieces
 from written_reports import Report
 
 import structid as si
+from structid.dynamics.normal_modes import Modes
 from structid.identification.identified import Identification
 from structid.report.drawing.drawing import Label, place_without_overlap, structure_picture
 from structid.report.drawing.palette import DIVERGING, steps
@@ -28,6 +30,7 @@ from structid.report.figures.responses import (
 )
 from structid.report.figures.structure import Change, element_style, shading, shadings, structure_figure
 from structid.report.identification import write_report
+from structid.report.identification_tables import mode_table
 from structid.report.rendering.plot import Area, ColourScale, Curve, Panel, Texts
 from structid.report.rendering.png import STYLE, drawn, plain
 
@@ -220,6 +223,17 @@ def test_modes_are_paired_with_their_mac(cantilever: Report) -> None:
     rows = mode_rows(cantilever.identification)
     assert rows.frequency == pytest.approx(cantilever.identification.modes.frequency)
     assert ((rows.mac > 0.9) & (rows.mac <= 1 + 1e-12)).all()
+
+
+def test_modes_that_change_their_order_stay_together() -> None:
+    shapes = np.eye(3)
+    initial = Modes(np.array([9.0, 16.0, 25.0]), np.zeros(3), shapes, np.zeros(3))
+    modes = Modes(np.array([16.5, 20.0, 25.0]), np.zeros(3), shapes[:, [1, 0, 2]], np.zeros(3))
+    rows = mode_rows(SimpleNamespace(modes_initial=initial, modes=modes))  # type: ignore[arg-type]
+    assert rows.initial_number.tolist() == [2, 1, 3]
+    assert rows.initial_frequency.tolist() == [initial.frequency[k] for k in (1, 0, 2)]
+    assert rows.mac.tolist() == [1.0, 1.0, 1.0]
+    assert [row[0] for row in mode_table(rows, (0.0, 9.0)).rows] == ["1 (was 2)", "2 (was 1)", "3"]
 
 
 def test_units_of_rotations_and_moments() -> None:

@@ -191,7 +191,8 @@ def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
     """Table of modes of initial and identified model; the last column says "yes" for modes in `band`, else "no".
 
     `rows` has the frequencies (Hz), damping ratios and MAC of the modes, `band` (low, high) is in Hz. A mode below 1e-4
-    of the highest frequency is a rigid body mode.
+    of the highest frequency is a rigid body mode. The number of a mode is followed by that in the initial model where
+    it is another.
     """
     header = (
         "Mode", "Initial frequency (Hz)", "Identified frequency (Hz)", "Change",
@@ -203,7 +204,7 @@ def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
         rigid = after < 1e-4 * float(rows.frequency.max())
         table.append(
             (
-                str(i + 1),
+                str(i + 1) + ("" if rows.initial_number[i] == i + 1 else f" (was {rows.initial_number[i]})"),
                 number(before, 5),
                 "0 (rigid body)" if rigid else number(after, 5),
                 NOTHING if rigid or before <= 0 else percent(after / before - 1),

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.quantities import with_std
 from structid.identification.identified import Identification, RecordFit
 from structid.report.drawing import palette
 from structid.report.rendering import plot
+from structid.similarity import assign_pairs
 
 if TYPE_CHECKING:
     from structid.identification.modal_fit import ModalFit
@@ -183,19 +184,24 @@ def convergence_figure(identification: Identification) -> plot.Figure:
 _BEFORE = plot.Marker("square", 10.0, "", plot.Pen(palette.INITIAL, 2.0))
 _AFTER = plot.Marker("circle", 8.0, palette.FITTED)
 _SIZE = (525.0, 380.0)
+#: MAC that a pair of modes of one number has the advantage of: close modes turn into each other without a meaning.
+_SAME_NUMBER = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ModeRows:
-    """Modes of the initial and of the identified model, by number.
+    """Modes of the identified model by number, each beside the mode of the initial model with the likest shape.
 
     Attributes
     ----------
+    initial_number : (n_modes,) int array
+        Number of that mode in the initial model, from 1.
     initial_frequency, frequency, initial_damping, damping : (n_modes,) float arrays
     mac : (n_modes,) float array
-        Modal assurance criterion between the initial and the identified shape of the same number.
+        Modal assurance criterion between the initial and the identified shape.
     """
 
+    initial_number: IntArray
     initial_frequency: FloatArray
     frequency: FloatArray
     initial_damping: FloatArray
@@ -204,17 +210,26 @@ class ModeRows:
 
 
 def mode_rows(fit: Identification | RecordFit) -> ModeRows:
-    """Frequencies (Hz), damping ratios and MAC of the modes of initial and identified model, paired by their number.
+    """Frequencies (Hz), damping ratios and MAC of the modes of the identified model and their like in the initial one.
 
-    The shorter of the two lists counts. The MAC is of shapes at the degrees of freedom of the model, NaN for a shape of
-    zeros.
+    Pairs have the largest sum of MACs, so that modes which change their order stay together; modes of one number are
+    paired unless others are clearly more alike. As many modes count as both models have. The MAC is of shapes at the
+    degrees of freedom of the model, NaN for a shape of zeros.
     """
     before, after = fit.modes_initial, fit.modes
     n = min(len(before.frequency), len(after.frequency))
-    x, y = before.mode_shapes[:, :n], after.mode_shapes[:, :n]
-    size = (x**2).sum(axis=0) * (y**2).sum(axis=0)
-    mac = np.divide((x * y).sum(axis=0) ** 2, size, out=np.full(n, np.nan), where=size > 0)
-    return ModeRows(before.frequency[:n], after.frequency[:n], before.damping_ratio[:n], after.damping_ratio[:n], mac)
+    x, y = after.mode_shapes[:, :n], before.mode_shapes
+    size = np.outer((x**2).sum(axis=0), (y**2).sum(axis=0))
+    mac = np.divide((x.T @ y) ** 2, size, out=np.full(size.shape, np.nan), where=size > 0)
+    partner = assign_pairs(np.nan_to_num(mac) + _SAME_NUMBER * np.eye(*mac.shape))[1]
+    return ModeRows(
+        partner + 1,
+        before.frequency[partner],
+        after.frequency[:n],
+        before.damping_ratio[partner],
+        after.damping_ratio[:n],
+        mac[np.arange(n), partner],
+    )
 
 
 def band_used(fits: Sequence[RecordFit], modal_fits: Sequence[ModalFit] = ()) -> plot.Limits:
@@ -240,7 +255,10 @@ def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
         margin = 0.05 * (high - low or 1.0)
         y = plot.Axis(label, unit, (low - margin, high + margin))
         panels.append(plot.panel(_numbers(number), y, *below, *_pairs(number, before, after)))
-    caption = "Natural frequencies and damping ratios of the initial and the identified model."
+    caption = (
+        "Natural frequencies and damping ratios of the identified model, and of the modes of the initial model with the likest"
+        " shapes."
+    )
     return plot.Figure(tuple(panels), _SIZE, 2, caption)
 
 
