@@ -6,13 +6,18 @@ Records are simulated by the matrices of this file, a chain of four masses on sp
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 import structid as sid
+from structid.core.dof import parse_dof, parse_dofs
 from structid.diagnose.verdict import judged
+from structid.fem.elements.matrix_group import MatrixGroup
+from structid.fem.elements.solver_model import ModelParameter, SolverFrfs, SolverModel
 from structid.forward.fixed_values import append_fixed_factors, tolerances_of, with_fixed_values
 from structid.identification.joint_problem import taken_as_exact, tolerances_clause
 from structid.inversion.estimate import estimate
@@ -28,6 +33,7 @@ N = len(MASS)
 SENSORS, LOAD = ("1X", "3X", "4X"), "4X"
 TOLERANCES = Tolerances(mass=0.01, stiffness=0.01, damping=0.1, calibration=0.01)
 SOUGHT = [sid.Unknown("stiffness", "k1"), sid.Unknown("stiffness", "k3"), sid.Unknown("viscous_damping", "c1")]
+STEEL = ModelParameter("E", "Pa", 2.1e11, 2.1e11)
 
 
 def chain(mass=MASS, spring=SPRING, dashpot=DASHPOT) -> sid.Structure:
@@ -445,6 +451,28 @@ def test_masses_of_one_set_that_err_in_opposite_senses_leave_the_model_right():
 def test_bad_tolerances_are_named(tolerance, words):
     with pytest.raises(sid.InputError, match=words):
         sid.PointMass("m1", [1], mass=1.0, tolerance=tolerance)
+
+
+def _frf_table(**more):
+    return SolverFrfs("beam", table=SimpleNamespace(outputs=(parse_dof("1X"),), inputs=()), **more)
+
+
+@pytest.mark.parametrize(
+    ("make", "names"),
+    [
+        (partial(MatrixGroup, "skin", dofs=["1X"], stiffness=[[5.0]]), "stiffness, loss_factor"),
+        (
+            partial(SolverModel, "shell", dofs=parse_dofs(["1X"]), parts=(), parameters=(STEEL,)),
+            "mass, damping, stiffness, E, loss_factor",
+        ),
+        (partial(_frf_table, parameters=(STEEL,)), "E"),
+    ],
+)
+def test_sets_whose_properties_come_with_their_matrices_take_tolerances_of_these_alone(make, names):
+    for name in names.split(", "):
+        assert make(tolerance={name: 0.02}).tolerance == {name: 0.02}
+    with pytest.raises(sid.InputError, match=f"must name its properties, got 'thicknes'; they are {names}$"):
+        make(tolerance={"thicknes": 0.02})
 
 
 def test_a_tolerance_of_an_unknown_is_refused():

@@ -405,16 +405,19 @@ class ElementSet:
                 shown.append(f"{name} {low if low == high else f'{low} to {high}'}{unit}")
         return f"<{type(self).__name__} {self.name!r}: {', '.join(shown)}>"
 
-    def _require_properties_of_tolerance(self) -> None:
-        """Raise `InputError` if `tolerance` names something that is no property of the type, nor `length` of a line.
+    @property
+    def property_names(self) -> tuple[str, ...]:
+        """Names of the properties that the set may have, as `property_matrices` gives them."""
+        return tuple(name for name, what in declarations(self).items() if what.kind is not None)
 
-        A type without properties takes any name, and a tolerance that is one number names none.
+    def _require_properties_of_tolerance(self) -> None:
+        """Raise `InputError` if `tolerance` names something that is no property of the set, nor `length` of a line.
+
+        A tolerance that is one number names none.
         """
-        properties = [name for name, what in declarations(self).items() if what.kind is not None]
-        named = self.tolerance if isinstance(self.tolerance, Mapping) else {}
-        properties += [LENGTH] if self.is_line else []
-        for name in named:
-            if name not in properties and properties:
+        properties = (*self.property_names, *((LENGTH,) if self.is_line else ()))
+        for name in self.tolerance if isinstance(self.tolerance, Mapping) else ():
+            if name not in properties:
                 raise InputError(
                     f"`tolerance` of {self.name!r} must name its properties, got {name!r}; they are {', '.join(properties)}"
                 )

@@ -80,6 +80,10 @@ class MatrixGroup(ElementSet):
         every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
+    @property
+    def property_names(self) -> tuple[str, ...]:
+        return *self.given, "loss_factor"
+
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The group's factors as properties, nominally 1, with the matrices that they multiply; then its loss factor.
 

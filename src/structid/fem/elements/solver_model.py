@@ -93,6 +93,10 @@ class SolverModel(ElementSet):
                     f"a parameter of {self.name!r} must not be called {parameter.name!r}; give it another name"
                 )
 
+    @property
+    def property_names(self) -> tuple[str, ...]:
+        return *_KINDS, *(parameter.name for parameter in self.parameters), "loss_factor"
+
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The model's parameters, factors and loss factor, in this order, as properties with matrices to multiply.
 
@@ -246,6 +250,10 @@ class SolverFrfs(ElementSet):
     def dofs(self) -> tuple[Dof, ...]:
         """Degrees of freedom of sensors and loads, each once, in their order."""
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.table.outputs, *self.table.inputs)))
+
+    @property
+    def property_names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
 
     def property_matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> tuple[PropertyMatrices, ...]:
         """The parameters as properties with nominal values and zero matrices, since the model has FRFs alone.
