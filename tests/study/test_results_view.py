@@ -12,7 +12,7 @@ import pytest
 from structid.cli.summaries import identification_summary
 from structid.core.display import as_sentence
 from structid.core.json_types import json_text
-from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, Judgement, far_outside_words
+from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, Judgement, _far_outside_words
 from structid.report.identification import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view
@@ -103,14 +103,13 @@ def test_a_verdict_has_one_sentence_or_the_second_that_says_why(result):
 
 
 def test_a_change_does_not_warn_of_a_value_that_is_not_determined(rigid):
-    long = "Approximate: the misfit is 2.1 times the assumed noise (10 % of each value); the intervals include it."
     estimate = rigid.identification.estimate
     lost = next(name for name, known in zip(estimate.names, estimate.identified, strict=True) if not known)
-    for name, is_told in ((lost, False), ("mass[other]", True)):
-        words = f"{long} The misfit falls 26 % if the base is flexible{far_outside_words(name)}."
-        advice = judged(rigid, words, "approximate").advice
-        assert advice[0].startswith("The misfit falls 26 % if the base is flexible")
-        assert ("do not rely on" in advice[0]) == is_told
+    for name, distance, is_told in ((lost, 9.0, False), ("mass[other]", 9.0, True), ("mass[other]", 1.0, False)):
+        change = SimpleNamespace(moves=distance, moved=(SimpleNamespace(name=name),))
+        words = _far_outside_words(rigid.identification, change)
+        assert (words == f"; do not rely on {name}, which would then be far outside its interval") == is_told
+        assert bool(words) == is_told
 
 
 def test_what_the_verdict_says_of_the_record_is_not_said_again_as_a_warning(result):

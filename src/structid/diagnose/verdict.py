@@ -676,13 +676,21 @@ def _judged(
     if suggestions:
         first = suggestions[0]
         words += f" The misfit falls {100 * first.share:.0f} % if {first.words}"
-        words += f"{far_outside_words(first.moved[0].name)}." if first.moves > TOLD_SHIFT else "."
+        words += f"{_far_outside_words(identification, first)}."
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, disagreements)))
 
 
-def far_outside_words(name: str) -> str:
-    """End of a sentence on a change of the model that would move the parameter `name` far outside its interval."""
-    return f"; do not rely on {name}, which would then be far outside its interval"
+def _far_outside_words(identification: Identification, change: Cause) -> str:
+    """End of a sentence on a change of the model that would move a parameter far outside its interval; "" if none moves so.
+
+    "" too for a parameter that the data do not determine, which other words say.
+    """
+    if not change.moves > TOLD_SHIFT:
+        return ""
+    estimate, name = identification.estimate, change.moved[0].name
+    flags = zip(estimate.names, estimate.identified, estimate.spread.is_free, strict=True)
+    is_lost = any(other == name and is_free and not is_identified for other, is_identified, is_free in flags)
+    return "" if is_lost else f"; do not rely on {name}, which would then be far outside its interval"
 
 
 def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:

@@ -15,7 +15,7 @@ from structid.core.errors import require_class
 from structid.core.json_types import StoredEntry
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
 from structid.diagnose.fixed_value_influence import doubted, resting_words
-from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, far_outside_words, judged
+from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, judged
 from structid.files import csv_text
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
@@ -375,8 +375,6 @@ def _advice(identification: Identification, diagnosis: Diagnosis, sentences: Seq
     flags = zip(estimate.names, estimate.identified, estimate.spread.is_free, strict=True)
     away = {estimate.names[index] for index in identification.ran_away}
     lost = [name for name, is_identified, is_free in flags if is_free and not is_identified and name not in away]
-    for name in lost:  # a parameter that is told to be not determined needs no second warning
-        lines = [line.replace(far_outside_words(name), "") for line in lines]
     said = "\n".join(lines)
     lines.extend(as_sentence(words) for words in acts if words not in of_estimate and words not in said)
     if lost and estimate.uncertainty.has_matrix:
