@@ -174,6 +174,7 @@ def test_elements_as_drawn_are_said_in_the_summary():
     record = sid.simulated_record(STRUCTURE, UNKNOWN, grid, 0.01, np.random.default_rng(1))
     said = "The elements of beam are as drawn, and not judged for their length"
     assert said in str(sid.identify(STRUCTURE, UNKNOWN, record))
+    assert said in str(sid.identify_together([sid.Setup(STRUCTURE, UNKNOWN, record)]))
     finer = sid.Structure({0: 0.0, 1: 0.3}, [BEAM], fixed=["0"], subdivide=2)
     assert said not in str(sid.identify(finer, sid.parameters(finer, [sid.Unknown("mass", "beam")]), record))
 

@@ -92,8 +92,7 @@ def identify(
     require_class("structure", structure, Structure, _MADE_BY["structure"])
     require_class("unknown", unknown, Parameters, _MADE_BY["parameters"])
     require_class("record", record, FrfRecord, _RECORD_MAKERS)
-    identification = identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
-    return replace(identification, mesh=_undivided_words(structure))
+    return identify_together([Setup(structure, unknown, record, channel_unknowns)], options, progress)
 
 
 def identify_together(
@@ -206,6 +205,7 @@ def identify_together(
         setups=tuple(setups),
         options=chosen,
         alternatives=alternatives(estimate, problems, outcome.without_priors),
+        mesh=_undivided_words(setups),
     )
 
 
@@ -218,17 +218,18 @@ def _fit_warnings(setups: Sequence[AnySetup], fits: Sequence[RecordFit | ModalFi
     return [prefix + words for prefix, fit in pairs for words in fit.warnings]
 
 
-def _undivided_words(structure: Structure) -> str:
+def _undivided_words(setups: Sequence[AnySetup]) -> str:
     """A clause on beams and bars that are as the caller drew them, which a study would divide.
 
     It is "" where there are none, or they are cut into pieces already.
     """
-    if structure.subdivide > 1 or not structure.divisible:
+    structures = [setup.structure for setup in setups if setup.structure.subdivide == 1]
+    names = list(dict.fromkeys(element.name for structure in structures for element in structure.divisible))
+    if not names:
         return ""
-    names = join_words([element.name for element in structure.divisible], 4)
     return (
-        f"the elements of {names} are as drawn, and not judged for their length: `subdivide=4` in `Structure` shows whether"
-        " values move"
+        f"the elements of {join_words(names, 4)} are as drawn, and not judged for their length: `subdivide=4` in `Structure`"
+        " shows whether values move"
     )
 
 

@@ -251,7 +251,8 @@ def run_prepared(
         answer.estimate.theta[indices_of(answer.estimate.names, problem.names)] for problem in answer.problems
     ]
     mesh_words = mesh_warnings(ready.setups, answer.problems, theta_of_records)
-    answer = replace(answer, warnings=(*ready.fault_warnings, *mesh_words, *ready.channel_warnings, *answer.warnings))
+    warnings = (*ready.fault_warnings, *mesh_words, *ready.channel_warnings, *answer.warnings)
+    answer = replace(answer, mesh="", warnings=warnings)  # the mesh is judged by `refine_mesh`
     return StudyResult(study, answer, provenance(study))
 
 
