@@ -1,6 +1,6 @@
 """A solver of a few lines, for tests: a chain of masses whose deck has lines ``name = number``; it fails as it is asked to.
 
-python chain_solver.py DECK matrices|modes|frfs [--log FILE] [--fail PART] [--fail-above K] [--hang] [--half]
+python chain_solver.py DECK matrices|modes|frfs [--log FILE] [--fail PART] [--fail-above K] [--largest] [--hang] [--half]
     [--sleep SECONDS] [--grow] [--cancelling] [--digits N] [--wrong HOW]
 """
 
@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--digits", type=int, default=12)
     parser.add_argument("--sleep", type=float, default=0.0)
     parser.add_argument("--wrong", default="")
-    for flag in ("--hang", "--half", "--grow", "--cancelling"):
+    for flag in ("--largest", "--hang", "--half", "--grow", "--cancelling"):
         parser.add_argument(flag, action="store_true")
     asked = parser.parse_args()
     text = asked.deck.read_text()
@@ -131,7 +131,10 @@ def main() -> None:
     else:
         head = ",".join(["frequency_hz", "scaling", *(f"{i + 1}X" for i in range(n))])
         found = modes(mass, stiffness)[:4]
-        rows = [",".join([repr(math.sqrt(w) / 2 / math.pi), "mass", *map(repr, shape)]) for w, shape in found]
+        if asked.largest:  # each shape over its largest entry, as without modal masses
+            found = [(w, [value / max(shape, key=abs) for value in shape]) for w, shape in found]
+        scaling = "unit_largest" if asked.largest else "mass"
+        rows = [",".join([repr(math.sqrt(w) / 2 / math.pi), scaling, *map(repr, shape)]) for w, shape in found]
         files = {f"{stem}.csv": "\n".join([head, *rows]) + "\n"}
     for name, content in files.items():
         Path(name).write_text(content[: len(content) // 2] if asked.half else content)

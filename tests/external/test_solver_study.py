@@ -17,8 +17,10 @@ from solver_cases import TRUE, chain_study, parameter
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
+from structid.core.errors import StudyError
 from structid.records import FrfRecord
 from structid.records.formats import write_record
+from structid.study.schema.study import load_study
 from structid.workbench.work.functions import answer_json
 
 RUN = CliRunner()
@@ -333,6 +335,27 @@ def test_responses_are_fitted_too(tmp_path, gives):
     assert done.exit_code == 0, done.output
     worst = 1e-4 if gives == "matrices" else 1e-3  # of six modes the solver gives four
     assert values(answer(tmp_path / "out")) == pytest.approx(TRUE | {"loss_factor": 0.04}, rel=worst)
+
+
+def test_modes_without_modal_masses_are_fitted_to_modes_alone(tmp_path):
+    path = chain_study(tmp_path, "modes", "--largest")
+    done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--no-report", "--no-explain"])
+    assert done.exit_code == 0, done.output
+    assert values(answer(tmp_path / "out")) == pytest.approx(TRUE, rel=1e-3)
+    frequency = np.linspace(0.3, 4.0, 20)
+    record = FrfRecord(frequency, np.ones((20, 1, 1), complex), ("1X",), ("3X",), "receptance")
+    write_record(tmp_path / "frf.npz", record)
+    text = path.read_text()
+    path.write_text(text[: text.index("[record]")] + '[record]\npath = "frf.npz"\nnoise.relative = 0.01\n')
+    words = (
+        r"modes: gives modes without modal masses, .* a record of responses cannot be computed; let the solver print"
+    )
+    with pytest.raises(StudyError, match=words):
+        load_study(path)
+    spring = '[[structure.spring]]\nname = "foot"\nfirst = "1X"\nstiffness = 10.0\n\n[[unknown]]'
+    path.write_text(text.replace("[[unknown]]", spring, 1))
+    with pytest.raises(StudyError, match="foot beside them cannot be computed"):
+        load_study(path)
 
 
 def test_looking_at_a_study_in_the_workbench_runs_no_program_but_reads_what_is_kept(tmp_path):

@@ -266,11 +266,14 @@ class SolvedModes(SolvedModel):
     out : ModesOut
     n_modes : int
         Modes that the model has.
+    has_mass : bool
+        Whether the solver gave the shapes with their modal masses, without which sizes of responses are not known.
     """
 
     model: SolverModel
     out: ModesOut
     n_modes: int
+    has_mass: bool
 
     @property
     def is_exact(self) -> bool:
@@ -330,7 +333,10 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
     frequency = ", ".join(f"{f:.5g}" for f in shapes.frequency[: small.n_modes])
     fact = f"solver: {run_words(steps.counts)}; modes at {frequency} Hz, {len(shapes.dofs)} degrees of freedom; {steps.words}"
     ties = (small.tie,) if small.tie.dependents else ()
-    return SolvedModes(solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes)
+    has_mass = shapes.has_mass and all(run.has_mass for pair in pairs for run in pair.runs)
+    return SolvedModes(
+        solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes, has_mass
+    )
 
 
 def _frequency_change(centre: RunModes, run: RunModes, point: Point) -> float:
@@ -347,7 +353,7 @@ def _frequency_change(centre: RunModes, run: RunModes, point: Point) -> float:
 
 
 def _shapes_in_si(shapes: RunModes, units: Units) -> RunModes:
-    """Shapes of unit modal mass, converted from the deck's units to kg^-1/2, for rotations rad/m kg^-1/2."""
+    """Shapes of unit modal mass converted from the deck's units to kg^-1/2, for rotations rad/m kg^-1/2; others likewise."""
     rotation = shapes.dofs[:, 1] > 3
     scale = np.where(rotation, 1.0 / LENGTHS[units.length], 1.0) / np.sqrt(units.mass)
     return replace(shapes, values=shapes.values * scale[:, None])

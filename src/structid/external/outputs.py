@@ -179,7 +179,7 @@ def read_shapes(path: Path) -> RunModes:
     ------
     FileError
         If the file is missing, cut short, or holds no modes; if a mode is truly complex, or one of CalculiX, Nastran or
-        MYSTRAN complex at all.
+        MYSTRAN complex at all; if motions are printed in another coordinate system than the basic one.
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):
@@ -192,12 +192,19 @@ def read_shapes(path: Path) -> RunModes:
     if any(np.iscomplexobj(mode.values) for mode in printed):
         raise FileError(f"{path}: holds complex modes; let the solver print real ones (SOL 103)")
     require_same_points(path, printed)
+    turned = np.flatnonzero(printed[0].systems > 0)
+    if len(turned):
+        raise FileError(
+            f"{path}: the motion of point {printed[0].nodes[turned[0]]} is printed in coordinate system"
+            f" {printed[0].systems[turned[0]]}; let the deck give it in the basic system (field 7 of GRID)"
+        )
+    has_mass = all(mode.generalized_mass > 0 for mode in printed)
     values = np.stack([_mass_normalized(mode) for mode in printed], axis=2)
     width = 6 if np.isfinite(values[:, 3:]).all() else 3
     nodes = printed[0].nodes
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     frequency = [mode.frequency for mode in printed]
-    return _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), True, suffix)
+    return _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), has_mass, suffix)
 
 
 def _mass_normalized(mode: PrintedMode) -> FloatArray:
