@@ -329,3 +329,16 @@ def test_constraints_between_merged_nodes_keep_what_they_say(deck):
         ("3X+", {"1X+": 0.5}),
         ("2Y+", {"1Y+": 2.0}),
     ]
+
+
+def test_blank_words_of_inertias_and_masses_are_0_and_move_no_others(tmp_path):
+    head = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=B31, ELSET=BM\n1, 1, 2\n"
+    inertia = "*ELEMENT, TYPE=ROTARYI, ELSET=R\n2, 2\n*ROTARY INERTIA, ELSET=R\n, , 5.\n"
+    mass = "*ELEMENT, TYPE=MASS, ELSET=PM\n3, 1\n*MASS, ELSET=PM\n{}\n"
+    for row in ("2., , 2.", "2.,", "2., 2., 2."):
+        path = tmp_path / "a.inp"
+        path.write_text(head + inertia + mass.format(row))
+        mesh = read_mesh(path, "m")
+        assert part_of(mesh, "MASS").obstacle == ("it is not the same in all directions" if row == "2., , 2." else "")
+        [turning] = part_of(mesh, "ROTARY INERTIA").masses
+        assert np.diag(turning.matrix).tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 5.0]

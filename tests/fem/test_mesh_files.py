@@ -285,6 +285,22 @@ def test_assemblies_of_abaqus_cae_are_where_the_instance_puts_them(tmp_path):
     assert len(mesh.blocks) == 1  # dashpots and the reference point of the assembly are left out
 
 
+@pytest.mark.parametrize(
+    ("shift", "turn", "second"),
+    [
+        (", , 2.", "", [1.0, 0.0, 2.0]),
+        ("5.", "", [6.0, 0.0, 0.0]),
+        (",", ", , , , , 1., 90.", [0.0, 1.0, 0.0]),
+        ("5., 0., 0.,", "5., , , 5., , 1., 90.,", [5.0, 1.0, 0.0]),
+    ],
+)
+def test_blank_words_of_an_instance_are_0_and_move_no_others(tmp_path, shift, turn, second):
+    old = CAE[CAE.index("          5.,") : CAE.index("*End Instance")]
+    new = f"{shift}\n{turn}\n" if turn else f"{shift}\n"
+    mesh = read_mesh(written(tmp_path, "a.inp", CAE.replace(old, new)))
+    assert mesh.nodes[2] == pytest.approx(second)
+
+
 def test_a_mesh_within_the_instance_and_an_included_file_are_read(tmp_path):
     part = CAE[CAE.index("*Node") : CAE.index("*End Part")]
     inside = CAE.replace(part, "").replace("*End Instance\n", "*INCLUDE, INPUT=mesh.inc\n*End Instance\n")

@@ -235,6 +235,8 @@ def test_beams_of_calculix_stand_in_widths_off_their_nodes(tmp_path):
     cards = "*BEAM SECTION, ELSET=BM, MATERIAL=ALU, SECTION=RECT, OFFSET1=0.5, OFFSET2=0.25\n.2, .4\n0, 1, 0\n"
     [found] = read(tmp_path, cards, ".inp", head).parts
     assert found.offsets[0].arms == pytest.approx(np.tile([0, -0.1, -0.1], (1, 2, 1)))
+    [found] = read(tmp_path, cards.replace("0, 1, 0", ", 1"), ".inp", head).parts  # blank words are 0
+    assert found.offsets[0].arms == pytest.approx(np.tile([0, -0.1, -0.1], (1, 2, 1)))
     [found] = read(tmp_path, cards.replace("0, 1, 0", "1, 0, 0"), ".inp", head).parts
     assert found.obstacle == "its local direction 1 is along its axis"
     [found] = read(tmp_path, cards.replace("RECT", "PIPE"), ".inp", head).parts

@@ -335,6 +335,12 @@ def test_text_of_labview_with_times_for_each_channel_and_channels_without_sample
     record = read_record(path)
     assert (record.sampling_rate, record.start) == (4, 0.5)
     np.testing.assert_allclose(record.values / [9.80665, 1], [[2.5, -0.25], [3.5, -1.25], [4.5, -2.25], [5.5, -3.25]])
+    other = [line.replace("2024/05/0", "5/1/202").replace("5/1/2022", "5/2/2024") for line in segment]
+    path.write_text(labview_text(["X_Columns\tMulti"], other, names, rows))
+    with pytest.raises(
+        FileError, match=r"start at different times, and 5/1/2021 23:59:59.75 is none as LabVIEW writes it"
+    ):
+        read_record(path)
     rows[2][4] = "0.550000"
     path.write_text(labview_text(["X_Columns\tMulti"], segment, names, rows))
     with pytest.raises(FileError, match=r"'2X' is not sampled evenly: a sample is 0.2 steps off"):

@@ -200,7 +200,15 @@ def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> 
 
 
 def _starts(moments: Sequence[tuple[str, str]]) -> list[float]:
-    """Times in s after the first of `moments`, each a date and a time of day in words; all 0 if one cannot be read."""
+    """Times in s after the first of `moments`, each a date and a time of day in words; all 0 where the words are the same.
+
+    Raises
+    ------
+    ValueError
+        If they differ and one cannot be read, so that it is open which channel starts first.
+    """
+    if len(set(moments)) <= 1:
+        return [0.0] * len(moments)
     wholes, parts = [], []
     for date, hour in moments:
         whole, _, part = hour.replace(",", ".").partition(".")
@@ -208,7 +216,9 @@ def _starts(moments: Sequence[tuple[str, str]]) -> list[float]:
             wholes.append(datetime.strptime(f"{date} {whole}", "%Y/%m/%d %H:%M:%S"))
             parts.append(float(f"0.{part or 0}"))
         except ValueError:
-            return [0.0] * len(moments)
+            raise ValueError(
+                f"its channels start at different times, and {date} {hour} is none as LabVIEW writes it (2026/01/31 12:00:00,5)"
+            ) from None
     seconds = [(whole - min(wholes)).total_seconds() + part for whole, part in zip(wholes, parts, strict=True)]
     return [second - min(seconds) for second in seconds]
 

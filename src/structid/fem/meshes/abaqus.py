@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
-from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks, numbers_of
 from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
 from structid.fem.meshes.abaqus_surfaces import Surfaces
 from structid.fem.meshes.coordinate_systems import unit_normals
@@ -448,11 +448,12 @@ class _SectionOffsets:
         direction 1 is along a beam.
         """
         shape = block.options.get("SECTION", "").upper()
-        words = [[float(word) for word in row if word] for row in block.rows if any(row)]
+        rows_of_data = [row for row in block.rows if any(row)]
         if shape not in ("RECT", "CIRC"):
             raise ValueError(f"its section {shape or 'is not named, and'} has no width")
-        widths = self._length * np.array([*words[0], *words[0]][:2])
-        guide = np.array(words[1][:3] if len(words) > 1 else [0.0, 0.0, -1.0]) @ scope.turn.T
+        stated = numbers_of(rows_of_data[0], 2)
+        widths = self._length * np.array([stated[0], stated[1] or stated[0]])
+        guide = np.array(numbers_of(rows_of_data[1], 3) if len(rows_of_data) > 1 else [0.0, 0.0, -1.0]) @ scope.turn.T
         ends = self._corners(index, rows)
         along = ends[:, 1] - ends[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)

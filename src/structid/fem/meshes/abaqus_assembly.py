@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.fem.meshes.abaqus_keywords import KeywordBlock
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, numbers_of
 from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points, rectangular
 
 #: Sets of labels by name in capitals.
@@ -163,14 +163,14 @@ class PartData:
         `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if
         not moved. Raises `ValueError` if the second line has not seven numbers, or both points are one.
         """
-        numbers = [[float(word) for word in row if word] for row in rows if any(row)]
-        if not numbers or not self.nodes:
+        if not rows or not self.nodes:
             return
-        positions = np.array(list(self.nodes.values())) + np.array([*numbers[0], 0.0, 0.0, 0.0][:3])
-        if len(numbers) > 1:
-            if len(numbers[1]) != 7:
+        positions = np.array(list(self.nodes.values())) + np.array(numbers_of(rows[0], 3))
+        if len(rows) > 1 and any(rows[1]):
+            numbers = numbers_of(rows[1], 7)
+            if len(rows[1]) < 7 or any(rows[1][7:]):
                 raise ValueError("an instance is turned by two points and an angle")
-            start, end, degrees = np.array(numbers[1][:3]), np.array(numbers[1][3:6]), numbers[1][6]
+            start, end, degrees = np.array(numbers[:3]), np.array(numbers[3:6]), numbers[6]
             self.turn = _rotation_matrix(end - start, degrees)
             positions = start + (positions - start) @ self.turn.T
         self.nodes = dict(zip(self.nodes, positions.tolist(), strict=True))

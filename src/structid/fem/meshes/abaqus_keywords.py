@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,3 +112,8 @@ def _included_lines(
     except FileError as error:
         raise FileError(f"{path}, line {number}: the included file cannot be read ({error})") from error
     yield from _read_lines(included, root, depth + 1)
+
+
+def numbers_of(row: Sequence[str], count: int) -> list[float]:
+    """The first `count` numbers of a data line; blank words, and those that the line ends before, are 0."""
+    return [float(word or 0) for word in (*row, *[""] * count)[:count]]

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
-from structid.fem.meshes.abaqus_keywords import KeywordBlock
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, numbers_of
 from structid.fem.meshes.abaqus_surfaces import Footpoint, Surface, Surfaces, footpoint, mean_side, nodal_areas
 from structid.fem.meshes.averages import (
     Component,
@@ -255,7 +255,7 @@ def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBl
     Raises `ValueError` if there is no such set.
     """
     name = block.options.get("ELSET", "")
-    values = [float(word) for word in block.rows[0] if word]
+    values = numbers_of(block.rows[0], 3 if any(block.rows[0][1:]) else 1)
     mass = deck.units.mass * values[0]
     matrix = mass_matrix(mass, np.zeros(3), np.zeros((3, 3)))
     obstacle = "" if len(set(values)) == 1 else "it is not the same in all directions"
@@ -270,8 +270,7 @@ def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: Keywor
     looked up in `scope`, where the block stands. Raises `ValueError` if there is no such set.
     """
     name = block.options.get("ELSET", "")
-    values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
-    xx, yy, zz, xy, xz, yz = [*values, *[0.0] * 6][:6]
+    xx, yy, zz, xy, xz, yz = (deck.units.inertia * value for value in numbers_of(block.rows[0], 6))
     matrix = np.zeros((6, 6))
     matrix[3:, 3:] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     turned = turned_matrix(matrix, scope.turn.T)
