@@ -123,11 +123,11 @@ def test_a_unit_in_the_head_of_an_axis_is_not_overruled_in_silence(tmp_path, hea
         f"{head},{columns}\n" + "".join(f"{4 * k},{k % 3}{'' if head == 'ms' else ',1'}\n" for k in range(1, 9))
     )
     times = {"time_column": 1} if head == "ms" else {}
-    with pytest.raises(InputError, match=f"`axis_unit` {said} was given; give `axis_unit = {stated}`"):
+    with pytest.raises(InputError, match=f"`axis_unit` {said} was given; give `axis_unit = .{stated}.`"):
         read_record(path, ReadOptions(axis_unit=said, **times))
     read_record(path, ReadOptions(axis_unit=stated, **times))
     if not times:
-        with pytest.raises(FileError, match=f"of frequency responses `axis_unit = {stated}`"):
+        with pytest.raises(FileError, match=f"of frequency responses `axis_unit = .{stated}.`"):
             read_record(path)
 
 

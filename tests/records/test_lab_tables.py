@@ -289,8 +289,8 @@ def test_frfs_as_laboratories_write_them(tmp_path, text, options, layout):
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        (frf_table("Frequency"), {}, r"does not say the unit of its frequencies, .* give `axis_unit = Hz`"),
-        (frf_table("Line"), {}, r"of frequency responses `axis_unit = Hz`"),
+        (frf_table("Frequency"), {}, r"does not say the unit of its frequencies, .* give `axis_unit = .Hz.`"),
+        (frf_table("Line"), {}, r"of frequency responses `axis_unit = .Hz.`"),
         (frf_table(parts=(" [m/N] abs", " angle"), columns=(size, radians)), {}, '`phase_unit = "deg"` in'),
         (frf_table(parts=(" [m/N]",), columns=(cell,)).replace("2.5-0.4i", "2.5"), {}, "line 3, column 2 .* a complex number"),
         (frf_table(), {"csv": CsvLayout(parts=("re", "im"))}, "4 columns follow the frequencies, but 0 `outputs` x 0 `inputs`"),

@@ -86,7 +86,7 @@ def test_gap_at_the_end_is_not_filled(tmp_path):
     with pytest.raises(FileError) as caught:
         read_record(tmp_path / "a.csv", ReadOptions(longest_gap=5))
     assert "longest_gap" not in str(caught.value)
-    assert "`start = 0` and `stop = 3.97` in the study, beside `path`" in str(caught.value)
+    assert "`start = 0.0` and `stop = 3.97` in the study, beside `path`" in str(caught.value)
 
 
 def test_missing_lines_are_counted(tmp_path):

@@ -128,7 +128,7 @@ def _describe_gaps(
     if q - p > 1:
         remedies.append(
             "cut to the longest whole part with "
-            + option_words(start=f"{start + p / rate:.9g}", stop=f"{start + (q - 1) / rate:.9g}")
+            + option_words(start=float(f"{start + p / rate:.9g}"), stop=float(f"{start + (q - 1) / rate:.9g}"))
         )
     if is_inner:
         remedies.append(f"interpolate with {option_words(longest_gap=longest)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import math
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -248,8 +249,7 @@ def option_words(**values: object) -> str:
     flags = _flags(values)
     if _AS_FLAGS.get():
         return flags
-    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in values.items())
-    return f"{keys} in the study, beside `path`, or in ReadOptions ({flags} on the command line)"
+    return f"{_keys(values)} in the study, beside `path`, or in ReadOptions ({flags} on the command line)"
 
 
 def layout_words(**values: object) -> str:
@@ -268,14 +268,20 @@ def layout_words(**values: object) -> str:
     """
     if _AS_FLAGS.get():
         return _flags({f"csv_{name}": value for name, value in values.items()})
+    return f"{_keys(values)} in [record.csv]"
+
+
+def _keys(values: Mapping[str, object]) -> str:
+    """Keys of a study with their values, texts in the quotes of TOML; a key alone where its value is None."""
     texts = {name: f'"{value}"' if isinstance(value, str) else value for name, value in values.items()}
-    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in texts.items())
-    return f"{keys} in [record.csv]"
+    return " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in texts.items())
 
 
 def _flags(values: Mapping[str, object]) -> str:
+    """Flags with their values as they are typed in a shell; a flag alone where its value is None."""
     return " ".join(
-        f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()
+        f"--{name.replace('_', '-')}" + ("" if value is None else f" {shlex.quote(str(value))}")
+        for name, value in values.items()
     )
 
 

@@ -126,7 +126,7 @@ def channel_scale(
 
 
 def _remedy(option: str) -> str:
-    example = '"g/N"' if option == "unit" else '"g"'
+    example = "g/N" if option == "unit" else "g"
     return f"give {option_words(**{option: example})}"
 
 
