@@ -345,6 +345,12 @@ def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> 
     return cause.share >= MOST_OF_MISFIT or (matters and (cause.leaves_noise or beyond >= NEARLY_ALL))
 
 
+def _noise_ratio(cause: Cause) -> str:
+    """Residual that a cause leaves, in times the noise, as text: two digits, or a whole number from 100 on."""
+    ratio = float(np.sqrt(cause.chi_square_per_dof))
+    return f"{ratio:.2g}" if ratio < 99.5 else f"{ratio:.0f}"
+
+
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
     """First of the second `causes`, if it leaves nothing but noise in addition to the first cause; None otherwise.
 
@@ -601,7 +607,7 @@ def _judged(
             )
         )
         if best.chi_square_per_dof > NOT_THE_WHOLE * identification.estimate.goodness.expected_per_dof:
-            words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
+            words += f" It is not all: it leaves {_noise_ratio(best)} times the noise."
             words += _with_second(identification, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(identification) or _is_within_tolerances(identification) else _off(identification)
@@ -612,7 +618,7 @@ def _judged(
         words = (
             f"Wrong model: {misfit}, and the change that lowers it most would move {shift.name} by {shift.distance:.2g} standard"
             f" deviations: {change.words}. It removes {100 * change.share:.0f} % and leaves"
-            f" {np.sqrt(change.chi_square_per_dof):.2g} times the noise, so that it is not the cause, or not alone: do not use"
+            f" {_noise_ratio(change)} times the noise, so that it is not the cause, or not alone: do not use"
             f" the values.{also}"
         )
         return Judgement("wrong_model", words, (misfit, *off, *away, *pushed))
