@@ -17,6 +17,7 @@ from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
 from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run import run as study_run
+from structid.study.run.check import check_study
 from structid.study.run.long_run import Checkpoint, LongRun, fingerprint
 from structid.study.run.run import run_study
 from structid.study.run.start import load_setups, with_pieces
@@ -101,6 +102,33 @@ def test_the_mesh_is_cut_until_it_moves_no_value_by_a_fifth_of_its_deviation(tmp
     assert whole.warnings[0].startswith("the mesh moves bending_stiffness[beam] by more than 100, stiffness[clamp] by ")
     assert 'so do not rely on these intervals: write `subdivide = "auto"`, or ' in whole.warnings[0]
     assert not MeshPieces(4, 0.19, "a").warning
+
+
+def test_a_check_divides_beams_by_the_modes_in_the_band(tmp_path, record):
+    """Its figures are those of a study that states as many pieces; the digits of one that states 1 stay its own."""
+    found = check_study(load_study(written(tmp_path, record)))
+    pieces = found.study.structure.subdivide
+    assert pieces > 1
+    assert found.division.startswith(f"each element of beams and bars in {pieces} pieces for this check")
+    stated, drawn = (
+        check_study(load_study(written(tmp_path, record, STUDY.replace('"auto"', count))))
+        for count in (str(pieces), "1")
+    )
+    np.testing.assert_array_equal(found.std, stated.std)
+    assert found.mesh.words == stated.mesh.words == stated.division == drawn.division == ""
+    assert np.abs(drawn.std / found.std - 1).max() > 0.01
+
+
+def test_modes_that_the_drawn_elements_lack_are_told_with_the_pieces_that_have_them(tmp_path, record):
+    single = sid.FrfRecord(record.frequency, record.values[:, 1:], ("2Y",), ("2Y",), "accelerance")
+    text = STUDY.replace("1 = 1.0\n", "").replace("[[0, 1], [1, 2]]", "[[0, 2]]")
+    found = check_study(load_study(written(tmp_path, single, text)))
+    pieces = found.study.structure.subdivide
+    assert pieces > 1
+    assert found.warnings[0].startswith("with smaller elements the model has modes at ")
+    assert found.warnings[0].endswith(f"; `subdivide = {pieces}` in [structure] starts the search with them")
+    stated = check_study(load_study(written(tmp_path, single, text.replace('"auto"', str(pieces)))))
+    assert not any("smaller elements" in words for words in stated.warnings)
 
 
 @pytest.mark.parametrize(("pieces", "tolerances"), [(8, EXACT), (3, None)])
@@ -326,7 +354,7 @@ def test_elements_that_cannot_be_divided_are_named():
 
 
 def test_what_keeps_the_mesh_from_being_judged_is_said(tmp_path, record, monkeypatch):
-    monkeypatch.setattr("structid.identification.mesh_pieces._MOST_DOFS", 5)
+    monkeypatch.setattr("structid.identification.mesh_pieces.MOST_DOFS", 5)
     found = run_study(load_study(written(tmp_path, record))).identification
     assert found.structure.subdivide == 1
     assert found.warnings[0] == (

@@ -853,8 +853,10 @@ def test_averages_and_a_finer_mesh_are_taken_by_a_click(page, screens, tmp_path)
         page.get_by_role("button", name="Take the noise from coherence").click()
         eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("averages") == 10)
         drawn(page, study)
+        pieces = page.locator("#checked").get_by_text(re.compile(r"subdivide = \d+ in .structure. brings")).first
+        count = int(re.search(r"subdivide = (\d+)", pieces.inner_text())[1])
         page.get_by_role("button", name="Cut the beams finely enough").click()
-        eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["structure"].get("subdivide") == "auto")
+        eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["structure"].get("subdivide") == count)
         page.locator("#coarse").wait_for(state="detached")
 
 

@@ -232,6 +232,7 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
         if study.structure.has_matrices
         else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
+    facts += [f"mesh: {result.division}"] if result.division else []
     facts += study.structure.file_notes
     facts += [] if study.solved is None else list(study.solved.facts)
     facts += [f"{one.title}{fact}" for one in result.beside for fact in one.facts]

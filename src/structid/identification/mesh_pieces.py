@@ -24,7 +24,7 @@ MOVED, _AIMED = 0.2, 0.1
 #: Power of a piece's length that errors of beams go with; those of bars go with its square and are judged again.
 _ORDER = 4
 #: Most pieces that are tried, and degrees of freedom of the finest model that is solved.
-_MOST_PIECES, _MOST_DOFS = 32, 3000
+MOST_PIECES, MOST_DOFS = 32, 3000
 #: Steps by which a shift is followed where the first says that it matters, and part of it that the last of them may add.
 _MOST_STEPS, _FOLLOWED = 4, 0.2
 #: Farthest shift of a free variable that is followed, in parts of the size of its value.
@@ -77,10 +77,10 @@ class MeshPieces:
         """Number of pieces to try next, for a mesh that is not enough.
 
         It is doubled until the mesh is estimated to move values by `_AIMED`, once where the minimum was not found, since the
-        shift is then a guess. It is at most `_MOST_PIECES`, but always more than `count`.
+        shift is then a guess. It is at most `MOST_PIECES`, but always more than `count`.
         """
         doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.finer_minimum else 1
-        return max(min(self.count * 2 ** max(doublings, 1), _MOST_PIECES), self.count + 1)
+        return max(min(self.count * 2 ** max(doublings, 1), MOST_PIECES), self.count + 1)
 
     @property
     def warning(self) -> str:
@@ -122,9 +122,9 @@ def judge_pieces(
     problem, theta = identification.target, identification.estimate.theta
     if problem is None or not identification.estimate.uncertainty.has_matrix:
         return MeshPieces(count, obstacle="this search has no residual that shows it; state `subdivide`")
-    if max(_dofs_of_halves(setup, count) for setup in setups) > _MOST_DOFS:
+    if max(dofs_of_pieces(setup, 2 * count) for setup in setups) > MOST_DOFS:
         return MeshPieces(
-            count, obstacle=f"with pieces half as long the model has more than {_MOST_DOFS} degrees of freedom"
+            count, obstacle=f"with pieces half as long the model has more than {MOST_DOFS} degrees of freedom"
         )
     try:
         finer = _finer_problem(setups, identification.problems, options, 2 * count)
@@ -152,7 +152,7 @@ def judge_pieces(
     moved = float(deviations.max())
     far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
     shifts = [f"{problem.names[i]} by {_told(float(deviations[i]))}" for i in far]
-    is_finest = moved >= MOVED and count >= _MOST_PIECES
+    is_finest = moved >= MOVED and count >= MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
     return MeshPieces(
         count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle, finer_minimum
@@ -250,10 +250,11 @@ def _finer_problem(
     return joint_problem(harmonize_shared_parameters(finer, titles(setups)))
 
 
-def _dofs_of_halves(setup: AnySetup, count: int) -> int:
-    """Approximate number of degrees of freedom if `setup` has pieces half as long, from `count` pieces at present."""
-    lines = sum(len(element.nodes) for element in setup.structure.divisible)
-    return setup.structure.n_dofs + lines * count * len(setup.structure.active or ())
+def dofs_of_pieces(setup: AnySetup, count: int) -> int:
+    """Approximate number of degrees of freedom of `setup` with its beams and bars in `count` pieces each."""
+    structure = setup.structure
+    lines = sum(len(element.nodes) for element in structure.divisible)
+    return structure.n_dofs + lines * (count - structure.subdivide) * len(structure.active or ())
 
 
 def _deviation(identification: Identification) -> FloatArray:

@@ -41,7 +41,7 @@ from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.quality.spectral_checks import drifts, leakage
 from structid.study.run.run import is_matrix_free
-from structid.study.run.start import PreparedStudy, prepare_study
+from structid.study.run.start import PreparedStudy, compare_with_models, pieces_for_band, prepare_study, with_pieces
 from structid.study.schema.records.record import RecordSource, read_histories
 from structid.study.schema.study import Study
 from structid.unknowns import Regularization, term_name
@@ -302,6 +302,7 @@ class CheckResult(PredictedIdentification):
     Attributes
     ----------
     study : Study
+        With beams in the pieces that `division` names.
     records : tuple of str
         What was measured, and which part of it is used, a line each.
     channels : tuple of ChannelCheck
@@ -315,6 +316,8 @@ class CheckResult(PredictedIdentification):
         Of the first set-up's structure; in words why it was not judged, "" where it has no elements with a size.
     places : tuple of PlacedFinding
         What is doubtful about that structure, and where.
+    division : str
+        The pieces into which beams and bars were divided for this check; "" where they are as the study has them.
     """
 
     study: Study
@@ -326,13 +329,15 @@ class CheckResult(PredictedIdentification):
     beside: tuple[RecordCheck, ...]
     mesh: MeshErrors | str
     places: tuple[PlacedFinding, ...]
+    division: str
 
 
 def check_study(study: Study) -> CheckResult:
     """The study read and checked, with the accuracy predicted at the initial values; nothing is estimated or written.
 
     The result has all records and channels, modes and mesh of the first record's initial model, the predicted
-    covariance and identifiability, the total mass (kg) and warnings, the gravest first.
+    covariance and identifiability, the total mass (kg) and warnings, the gravest first. Where the study leaves the
+    pieces of beams and bars open, as many are taken as the modes in the first record's band need.
 
     Raises
     ------
@@ -341,7 +346,8 @@ def check_study(study: Study) -> CheckResult:
     SingularModelError
         If the initial model has a mechanism.
     """
-    ready = prepare_study(study)
+    ready, mesh, mesh_warning, division = _divided(prepare_study(study))
+    study = ready.study
     predicted = _predict_by_draws(ready) if is_matrix_free(ready) else _predict_by_jacobian(ready)
     problem, options = predicted.problem, study.options
     modes = [
@@ -357,7 +363,6 @@ def check_study(study: Study) -> CheckResult:
             titled, study.setups, ready.setups, ready.problems, ready.comparisons, modes, strict=True
         )
     ]
-    mesh = checked_mesh(ready.setups[0], ready.problems[0])
     structure = ready.setups[0].structure
     findings = structure_findings(structure, values)
     coarse = None if isinstance(mesh, str) else coarse_elements(structure, values, mesh)
@@ -386,7 +391,7 @@ def check_study(study: Study) -> CheckResult:
         warnings=(
             *ready.channel_warnings,
             *(item.words for item in findings),
-            *([] if isinstance(mesh, str) or not mesh.words else [_mesh_warning(study, mesh)]),
+            *([mesh_warning] if mesh_warning else []),
             *(item.title + words for item in beside for words in item.warnings),
             *ready.warnings,
             *(
@@ -399,14 +404,32 @@ def check_study(study: Study) -> CheckResult:
         beside=tuple(beside),
         mesh=mesh,
         places=(*findings, *([] if coarse is None else [coarse])),
+        division=division,
     )
 
 
-def _mesh_warning(study: Study, mesh: MeshErrors) -> str:
-    """Sentence on a mesh that is too coarse and on who mends it: an identification divides beams where the study lets it."""
-    if not study.leaves_pieces_open or any(element.cells for element in mesh.structure.elements):
-        return mesh.words
-    return f"{mesh.finding}; `structid identify` divides beams and bars until this moves no value"
+def _divided(ready: PreparedStudy) -> tuple[PreparedStudy, MeshErrors | str, str, str]:
+    """The study with beams and bars in as many pieces as the modes in the band need; its mesh errors, a warning, a remark.
+
+    The remark says how many pieces there are; it is "" where `pieces_for_band` divides no element, and the study is then as
+    it came. The warning is on a mesh that is too coarse, or on modes that the elements as drawn lack; "" if there are none.
+    """
+    drawn = checked_mesh(ready.setups[0], ready.problems[0])
+    count = pieces_for_band(ready, drawn)
+    if isinstance(drawn, str):
+        return ready, drawn, "", ""
+    if count == 1:
+        is_left = ready.study.leaves_pieces_open and not any(element.cells for element in drawn.structure.elements)
+        later = f"{drawn.finding}; `structid identify` divides beams and bars until this moves no value"
+        return ready, drawn, later if is_left and drawn.finding else drawn.words, ""
+    divided = compare_with_models(*with_pieces(ready.study, ready.setups, count))
+    lacking = f"{drawn.finding}; `subdivide = {count}` in [structure] starts the search with them"
+    remark = (
+        f"each element of beams and bars in {count} pieces for this check, by the modes in the band; `structid identify` divides"
+        " them by what this moves the values by"
+    )
+    mesh = checked_mesh(divided.setups[0], divided.problems[0])
+    return divided, mesh, lacking if drawn.passed_over.size else "", remark
 
 
 def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:

@@ -11,11 +11,13 @@ import numpy as np
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
+from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.fem import Structure
 from structid.fem.elements.solver_model import SolverModel
 from structid.forward import RecordProblem, ResponseCache
 from structid.identification import setups as record_setups
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
+from structid.identification.mesh_pieces import MOST_DOFS, MOST_PIECES, dofs_of_pieces
 from structid.identification.setups.setup import (
     AnySetup,
     Prepared,
@@ -28,6 +30,9 @@ from structid.records import FrfRecord, TimeRecord
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.section import Section
 from structid.study.schema.study import SetupSource, Study, cut_study
+
+#: Times by which pieces are made shorter at once: the error that a far too coarse mesh shows of itself is a guess.
+_MOST_FINER = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +122,28 @@ def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple
     sources = zip(cut.setups, study.setups, strict=True)
     cut = replace(cut, setups=tuple(replace(new, parameters=old.parameters) for new, old in sources))
     return cut, tuple(load_setup(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
+
+
+def pieces_for_band(ready: PreparedStudy, mesh: MeshErrors | str) -> int:
+    """Number of pieces of each beam and bar with which the modes in the band of the first record are right.
+
+    `mesh` has the errors of that set-up's modes, or says why it was not judged. The number is 1 where the mesh is fine
+    enough or was not judged, where the study states the number, and beside cells, which are not divided. It is less than
+    the modes ask for where an identification would not take so many pieces.
+    """
+    setup, structures = ready.setups[0], [made.structure for made in ready.setups]
+    is_mixed = any(element.cells for structure in structures for element in structure.elements)
+    if not ready.study.leaves_pieces_open or is_mixed or not setup.structure.divisible:
+        return 1
+    count = 1
+    while not isinstance(mesh, str) and mesh.finding:
+        finer = count * min(max(mesh.needed, 2), _MOST_FINER)
+        if finer > MOST_PIECES or max(dofs_of_pieces(made, finer) for made in ready.setups) > MOST_DOFS:
+            break
+        count = finer
+        cut = replace(setup.structure, subdivide=count)
+        mesh = checked_mesh(setup.modelled_by(cut, setup.parameters, setup.channel_unknowns), ready.problems[0])
+    return count
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:

@@ -170,16 +170,18 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
     from structid.study.schema.study import load_study
     from structid.workbench.work.scene import told_findings
 
-    read = load_study(opened.inside(study), work=LOOKING)
-    result = check_study(read)
+    result = check_study(load_study(opened.inside(study), work=LOOKING))
     relative = result.std / np.where(result.sizes > 0, result.sizes, np.nan)
     rows = zip(result.names, result.units, result.start, result.std, relative, strict=True)
     return {
         "determined": result.determined,
         "records": result.records,
         "warnings": result.warnings,
-        "findings": told_findings(read.structure, result.places),
-        "facts": [one.title + fact for one in result.beside for fact in one.facts],
+        "findings": told_findings(result.study.structure, result.places),
+        "facts": [
+            *([f"mesh: {result.division}"] if result.division else []),
+            *(one.title + fact for one in result.beside for fact in one.facts),
+        ],
         "channels": [[one.channel, one.role, one.seen] for one in result.channels],
         "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in result.modes],
         "parameters": [

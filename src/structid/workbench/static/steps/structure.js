@@ -518,17 +518,18 @@ function leaking(app, warnings) {
   );
 }
 
-// Where the mesh is too coarse: beams cut as finely as the values need, by a click.
+// Where the mesh is too coarse: beams in as many pieces as the warning says, by a click.
 function coarse(app, warnings) {
-  return app.folder.writable && warnings.some((one) => /(too coarse|smaller elements).*`subdivide = /.test(one))
+  const pieces = warnings.map((one) => one.match(/(?:too coarse|smaller elements).*`subdivide = (\d+)`/)?.[1]).find(Boolean);
+  return app.folder.writable && pieces
     ? h(
         "div",
         {class: "row", id: "coarse"},
         editButton(
           app,
           "Cut the beams finely enough",
-          () => [{set: ["structure", "subdivide"], to: '"auto"'}],
-          "Beams are cut until the mesh moves no value",
+          () => [{set: ["structure", "subdivide"], to: pieces}],
+          `Each beam has ${pieces} pieces now`,
         ),
       )
     : null;
@@ -543,7 +544,7 @@ function unaveraged(app, warnings) {
   ) {
     return null;
   }
-  const averages = h("input", {value: "", inputmode: "numeric", placeholder: "such as 10"});
+  const averages = h("input", {value: "", inputmode: "numeric", placeholder: "10"});
   return h(
     "div",
     {class: "row end", id: "averages"},
@@ -569,7 +570,7 @@ async function showCheck(place, app, mark) {
         await get("line", {study});
       }
       if (app.now === now) {
-        show(incomplete(study, Boolean(record)));
+        show(incomplete(app, Boolean(record)));
       }
       return;
     }
@@ -586,20 +587,24 @@ async function showCheck(place, app, mark) {
   }
 }
 
-// What a study needs before its data can be checked.
-const incomplete = (study, hasRecord) =>
-  h(
-    "p",
-    {},
-    hasRecord
-      ? "Say what you look for, and this page shows what the record can determine: "
-      : "The study can be read. A record, or a plan, shows what data can determine: ",
-    h("a", {href: `#unknowns/${encodeURIComponent(study)}`}, "step Unknowns"),
-    ".",
-  );
+// What a study needs before its data can be checked; a record of the folder, where there is one, comes before a plan.
+const incomplete = (app, hasRecord) => {
+  const step = (name) => h("a", {href: `#${name.toLowerCase()}/${encodeURIComponent(app.study)}`}, `step ${name}`);
+  return hasRecord
+    ? h("p", {}, "Say what you look for, and this page shows what the record can determine: ", step("Unknowns"), ".")
+    : h(
+        "p",
+        {},
+        "The study can be read. Next, ",
+        app.folder.records.length ? ["use a record of this folder in it: ", step("Start"), ", or "] : null,
+        "plan the test: ",
+        step("Unknowns"),
+        ".",
+      );
+};
 
 // The answer of `check`: determined or not, warnings with what mends them, and tables.
-function checkResult(app, {determined, records, warnings, directions, resonances, modes, channels}) {
+function checkResult(app, {determined, records, facts, warnings, directions, resonances, modes, channels}) {
   return [
     h(
       "p",
@@ -611,6 +616,7 @@ function checkResult(app, {determined, records, warnings, directions, resonances
       ),
     ),
     records.map((words) => h("p", {}, unitText(words))),
+    facts.map((words) => h("p", {class: "note"}, marked(words))),
     warnings.length ? [h("h3", {}, "Warnings"), warningList(warnings)] : h("p", {class: "muted"}, "No warning."),
     coarse(app, warnings),
     unaveraged(app, warnings),
