@@ -150,13 +150,20 @@ function verdict(found, folder, files) {
     h("h2", {}, found.title || "Verdict"),
     h("p", {}, h("strong", {}, marked(headline))),
     cause(found, folder, files),
-    found.next_step ? h("p", {}, h("strong", {}, "Next: "), marked(found.next_step)) : null,
+    found.next_step ? h("p", {}, h("strong", {}, "Next: "), marked(byButtons(found.next_step))) : null,
     advice.length ? warningList(advice.slice(0, 5)) : null,
     found.warnings?.length
       ? h("details", {}, h("summary", {}, warningCount(found.warnings.length)), warningList(found.warnings))
       : null,
   );
 }
+
+// What to do next, by the buttons of this page where the console names commands.
+const byButtons = (words) =>
+  words
+    .replace(/Run `structid identify [^`]+`, which has this change\./, "Open the study with this change, and run it.")
+    .replace(/, and run `structid identify [^`]+`\./, "; the study above has this change.")
+    .replace(/: `structid explain` tries .*$/, ": search for causes of the misfit below.");
 
 // The change of model or record that explains the misfit, with its study to open.
 function cause(found, folder, files) {
@@ -324,9 +331,7 @@ function values(found, beside, name, otherName) {
     h(
       "p",
       {},
-      found.total_mass?.value !== undefined
-        ? `Total mass ${number(found.total_mass.value, 5)} ± ${number(found.total_mass.std ?? NaN, 2)} kg`
-        : "",
+      found.total_mass?.value !== undefined ? `Total mass ${withStd(found.total_mass)} kg` : "",
     ),
     table(
       header,
@@ -364,6 +369,12 @@ function values(found, beside, name, otherName) {
         )
       : null,
   );
+}
+
+// A value to the digits that its standard deviation of two digits leaves.
+function withStd({value, std}) {
+  const digits = std > 0 && value ? Math.floor(Math.log10(Math.abs(value))) - Math.floor(Math.log10(std)) + 2 : 5;
+  return `${number(value, Math.min(Math.max(digits, 2), 8))} ± ${number(std ?? NaN, 2)}`;
 }
 
 function exported(folder, files) {

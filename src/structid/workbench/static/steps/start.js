@@ -394,7 +394,7 @@ function drop(app) {
     h(
       "p",
       {class: "note"},
-      "They are copied into the folder. Records as docs/record-files.md names them, tables of modes, meshes and matrices as docs/meshes.md and docs/import-models.md name them.",
+      "They are copied into the folder. Records and modes: CSV, UFF, MAT, HDF5, NPZ and files of loggers. Models: meshes of Gmsh, Nastran, Abaqus or VTK, and matrices.",
     ),
   );
   const take = async (files) => {
@@ -425,7 +425,7 @@ const written = (value) => (Array.isArray(value) ? `[${value.map(written).join("
 const saidHere = (words) =>
   words
     .replaceAll(" in [record.csv]", "")
-    .replace(/ in the study, beside `path`, or in ReadOptions \([^()]* on the command line\)/g, " below");
+    .replace(/ in the study, beside `path`, or in ReadOptions \(--.*? on the command line\)/g, " below");
 
 // What the reader has said of files, by path, as long as no study says it: a file is often looked at before there is one.
 const saidOf = new Map();
@@ -578,15 +578,15 @@ export function facts(found) {
           "details",
           {open: !many},
           h("summary", {}, counted(found.channels)),
-          table(
-            ["channel", "", "quantity", "unit"],
-            found.channels.map((one) => [
-              one.name,
-              one.role,
-              one.quantity || found.kind,
-              unitText(one.unit || found.unit),
-            ]),
-          ),
+          found.kind === "time histories"
+            ? table(
+                ["channel", "", "quantity", "unit"],
+                found.channels.map((one) => [one.name, one.role, one.quantity, unitText(one.unit)]),
+              )
+            : table(
+                ["channel", ""],
+                found.channels.map((one) => [one.name, one.role]),
+              ),
         )
       : h("p", {}, `${found.channels.length} channels`),
     found.findings.length
@@ -612,12 +612,20 @@ export function use(app, path, found, given) {
   }
   const name = path.slice(folder.length);
   const segment = h("input", {value: String(found.segment || 1024), name: "segment_length", inputmode: "numeric"});
-  const isTime = found.kind === "time histories";
+  const averages = h("input", {value: "", name: "averages", inputmode: "numeric", placeholder: "10"});
+  const isTime = found.kind === "time histories",
+    asksAverages = Boolean(found.coherence) && !found.averages;
   const {csv, ...plain} = given;
   const edits = () =>
     recordEdits(
       app,
-      {path: JSON.stringify(name), ...writtenKeys(plain)},
+      {
+        path: JSON.stringify(name),
+        ...writtenKeys(plain),
+        ...(asksAverages && averages.value.trim()
+          ? {averages: String(Math.round(numberIn(averages, {least: 2})))}
+          : {}),
+      },
       {
         ...(csv ? {csv: writtenKeys(csv)} : {}),
         ...(isTime ? {frf: {segment_length: String(Math.round(numberIn(segment, {least: 2})))}} : {}),
@@ -647,6 +655,7 @@ export function use(app, path, found, given) {
     "div",
     {class: "row end"},
     isTime ? field("FRFs are averaged over segments of so many samples", segment) : null,
+    asksAverages ? field("averages of each FRF, which with the coherence say the noise", averages) : null,
     made(
       "instead",
       n > 1
