@@ -396,7 +396,7 @@ function planning(place, app) {
     h(
       "p",
       {class: "note"},
-      "The sensor positions that determine these unknowns best, chosen before any test (docs/plan.md).",
+      "The sensor positions that determine these unknowns best, chosen before any test.",
     ),
     h("div", {class: "row end"}, field("Sensors", count, "short"), button),
     result,
