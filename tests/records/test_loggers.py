@@ -296,6 +296,34 @@ def test_channels_of_labview_that_start_at_other_times_are_brought_together(tmp_
     np.testing.assert_array_equal(record.values, np.stack([np.arange(30.0, 100), np.arange(70.0)], axis=1))
 
 
+def test_a_channel_of_labview_without_a_start_beside_others_is_said(tmp_path):
+    from datetime import datetime
+
+    from nptdms import ChannelObject, TdmsWriter
+
+    path, clock = tmp_path / "a.tdms", {"wf_increment": 0.01, "unit_string": "N"}
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([
+            ChannelObject("T", "1X", np.arange(9.0), clock | {"wf_start_time": datetime(2026, 1, 1)}),
+            ChannelObject("T", "2X", np.arange(9.0), clock),
+        ])  # fmt: skip
+    record = read_record(path)
+    assert "2X does not say when it starts, taken as the first that does" in record.source
+    assert "1X does not say" not in record.source
+
+
+def test_decimal_numbers_of_parquet_are_numbers(tmp_path):
+    pa = pytest.importorskip("pyarrow", reason="needs structid[parquet]")
+    from pyarrow import parquet
+
+    exact = pa.array(np.arange(20.0) / 4).cast(pa.decimal128(9, 2))
+    columns = {"time [s]": pa.array(np.arange(20.0) / 8), "1X [N]": np.arange(20.0), "2X [N]": exact}
+    parquet.write_table(pa.table(columns), str(tmp_path / "a.parquet"))
+    record = read_record(tmp_path / "a.parquet")
+    assert [dof.place for dof in record.channels] == ["1X", "2X"]
+    assert record.values[:, 1].tolist() == (np.arange(20.0) / 4).tolist()
+
+
 def test_text_of_labview_in_ms_and_with_times_that_its_head_contradicts(tmp_path):
     path = whole("lvm", tmp_path)
     text = path.read_text()

@@ -99,8 +99,8 @@ def _clock_of_times(time: np.ndarray) -> tuple[float, float, float]:
 def _read_tdms(path: str) -> Iterator[Channel]:
     """Numeric channels of a TDMS file of LabVIEW, named group/channel if several groups have channels.
 
-    Starts are in s after the channel that starts first. The rate is 0 Hz for a channel without a step. A note tells of
-    a file that was cut short.
+    Starts are in s after the channel that starts first. The rate is 0 Hz for a channel without a step. Notes tell of a
+    file that was cut short, and of a channel without a start beside others that have one.
     """
     from nptdms import TdmsFile
 
@@ -120,13 +120,16 @@ def _read_tdms(path: str) -> Iterator[Channel]:
                 step = to_seconds * float(properties.get("wf_increment") or 0.0)
                 start = _tdms_start(channel)
                 later = 0.0 if start is None else float((start - first) / np.timedelta64(1, "us")) * 1e-6
+                notes = ["the file ends within its last segment: the copy, or the logger, broke off"] if cut else []
+                if start is None and any(other is not None for other in starts):
+                    notes.append(f"{channel.name} does not say when it starts, taken as the first that does")
                 yield _make_channel(
                     f"{group.name}/{channel.name}" if several else channel.name,
                     properties.get("unit_string") or properties.get("NI_UnitDescription"),
                     values,
                     1 / step if step > 0 else 0.0,
                     later + to_seconds * float(properties.get("wf_start_offset") or 0.0),
-                    note="the file ends within its last segment: the copy, or the logger, broke off" if cut else "",
+                    note=", ".join(notes),
                 )
 
 
@@ -211,7 +214,7 @@ def _read_parquet(path: str) -> Iterator[Channel]:
         if pa.types.is_timestamp(column.type):
             ticks = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
             yield _make_channel(name, "s", (ticks - ticks[0]) / 1e9)
-        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+        elif any(is_kind(column.type) for is_kind in (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal)):
             yield _make_channel(name, "", column.cast(pa.float64()).to_numpy())
 
 
