@@ -287,9 +287,9 @@ def diagnose_sound(
     """Diagnosis of a sound answer; doubted fixed values or single changes are fitted where the record asks for them.
 
     `sensitivities` are those of the answer to fixed values, `work` runs the fits, `find_disagreements` returns parts of
-    the data whose fits disagree. At most three doubted fixed values are freed; single changes are tested only with
-    `may_test_changes` (False where the user asked for no search, or for all of it), and only where no fixed value is
-    doubted.
+    the data whose fits disagree. At most three doubted fixed values are freed. Without doubts and with
+    `may_test_changes` (False where the user asked for no search, or for all of it) single changes are tested; they
+    count if they shift a parameter. A fit that fails gives a diagnosis without causes that says why.
     """
     doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:

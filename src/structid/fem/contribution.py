@@ -349,9 +349,10 @@ class DenseSum:
 
 
 def dense_sum(contributions: Sequence[Contribution], kinds: Sequence[str], n_dofs: int, n_values: int) -> DenseSum:
-    """The matrices of several `kinds` as dense sums of the element matrices of `contributions`, for `n_values` values.
+    """Dense matrices of the `kinds`, in their order, as a sum that `DenseSum.at` evaluates for any property values.
 
-    Matrices without contributions are zero; contributions of other kinds are left out.
+    The matrices are (n_dofs, n_dofs) each, zero where no contribution is of that kind; contributions of other kinds are
+    left out. `n_values` is the number of property values of the structure.
     """
     parts = [part for part in contributions if part.matrix_kind in kinds]
     row, column, weight, value = weighed_entries(parts, kinds, n_dofs)

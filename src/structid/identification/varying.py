@@ -210,10 +210,11 @@ def widened_estimate(estimate: Estimate, more: Sequence[FoundScatter]) -> Estima
 def varied(
     problems: Sequence[RecordProblem], estimate: Estimate, more: Mapping[str, FoundScatter]
 ) -> tuple[Varied, ...]:
-    """Parameters that differ from record to record, with their scatter and the p-value of each record's deviation.
+    """Properties that differ from record to record, one `Varied` for each scatter; () if there is no scatter.
 
-    The p-values of all values are corrected together by Holm's method. A deviation over its standard deviation follows
-    Student's t once the scatter is that of the others (Grubbs 1950, Eq. (1)). Empty if nothing varies.
+    Each has the deviations of the records' own values from the common one, in scatters, and a p-value for each. All
+    p-values are corrected together by Holm's method. A deviation over its standard deviation is taken as normal for a
+    given scatter, as Student's t for one that the data chose from the others (Grubbs 1950, Eq. (1)).
 
     Parameters
     ----------

@@ -675,11 +675,12 @@ def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def cramer_rao(case: Case, reading: Reading, noise: Noise) -> float:
-    """Cramér-Rao bound: smallest RMS relative standard deviation of unbiased estimates of all 12 parameters.
+    """Cramér-Rao bound: smallest RMS relative standard deviation of unbiased estimates of all parameters (0.1 is 10 %).
 
-    With J the relative Jacobian and S the covariance of the relative data, it is the root of the mean diagonal entry of (J'
-    S^-1 J)^-1. Amplitude errors a of the excitation multiply all values of a line by 1 + a. Frequency errors f act as mass
-    errors 2 f, since the structure has no damping.
+    With J the relative Jacobian and S the covariance of the relative data, it is the root of the mean diagonal entry of
+    (J' S^-1 J)^-1. `noise` has independent errors of the values, errors of amplitude and frequency of the excitation
+    that all values of a line share, and one gain error of all. A frequency error f acts as a mass error 2 f: nothing is
+    damped.
     """
     jacobian = relative_jacobian(case, reading)
     n_data, n_params = jacobian.shape

@@ -112,11 +112,11 @@ class SpaceBeam(ElementSet):
         return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
-        """Element matrices for a unit value of each property, by name, on the six motions of both nodes.
+        """Matrices of all beams for a unit value of each property, as terms by the property's name.
 
-        These are mass, axial, torsional and bending stiffness, polar inertia, and where stated shear stiffness, rotary
-        inertia and axial force. `positions` of nodes in m, which must be in space, else `InputError`; `used_codes` are
-        not needed.
+        They act on the six motions of both nodes. The names are mass, axial, torsional and bending stiffness, polar
+        inertia, and where stated shear stiffness (no terms: it acts by the shear ratio), rotary inertia and axial
+        force. `positions` maps nodes to X, Y, Z in m, else `InputError`; `used_codes` are not needed.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:

@@ -124,10 +124,10 @@ class _AssemblyContext:
     def read(
         self, keyword: str, reader: Callable[[_AssemblyContext, PartData, KeywordBlock], ObstaclesAndParts]
     ) -> list[DeckPart]:
-        """Deck parts made of the blocks of a keyword: one of all that can be taken, one for each obstacle.
+        """Deck parts of a keyword: one of all blocks that can be taken, one for each obstacle, as they first occur.
 
         `reader` returns pairs (obstacle, part) of a block in its scope; the obstacle is "" if there is none. Blocks
-        that cannot be read count as parts with that obstacle.
+        that cannot be read count as parts with an obstacle that says why. [] if the deck has no such block.
         """
         items: ObstaclesAndParts = []
         for scope, block in self.blocks(keyword):

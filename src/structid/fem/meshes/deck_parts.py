@@ -462,9 +462,11 @@ def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
 
 
 def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
-    """The two degrees of freedom of a spring along global axes, the second None for the ground; None if it is oblique.
+    """First and second degree of freedom of a spring along global axes, second None for the ground; None if oblique.
 
-    `weights` maps (node, direction) to the weight. If both have the same sign, the second points the other way.
+    `weights` maps (node, direction) to the weight; weights of 0 do not count. If both have the same sign, the second
+    points the other way. Oblique is a weight other than 1 or -1, more than two of them, or a translation with a
+    rotation.
     """
     pairs = [(Dof(node, direction), weight) for (node, direction), weight in weights.items() if weight]
     if any(abs(abs(weight) - 1) > _ROUNDING for _, weight in pairs) or len(pairs) not in (1, 2):

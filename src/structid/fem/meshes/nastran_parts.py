@@ -696,10 +696,11 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
 
 
 def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
-    """Obstacle ("" if none) and the tie from one MPC card: factors times components add up to 0.
+    """Obstacle and tie of one MPC card, whose factors times components add up to 0: ("", [tie]) or (obstacle, []).
 
-    The first component is the dependent one. `fields` are those of the card. Terms along a grid point's own directions
-    are put into global ones and added up; obstacles are scalar points and an oblique first term.
+    `fields` are those after the card's name, the set's number first. The first component is the dependent one. Terms
+    along a grid point's own directions are put into global ones and added up; obstacles are scalar points and an
+    oblique first term.
     """
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(fields), 8):

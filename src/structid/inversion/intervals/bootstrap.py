@@ -199,9 +199,10 @@ def _refit_replicate(
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
 
-    `shared` holds the problem, the free variables of the estimate, the residual there, and the kind of bootstrap:
-    "noise" draws new errors, "blocks" changes the signs of the residual by blocks. A search that does not converge has
-    failed. `tools` runs it. `rng` gives the errors or signs.
+    The replicate's residual at the estimate is replaced by drawn errors: standard normal ones ("noise"), or the data
+    rows there with random signs by blocks ("blocks"); prior rows are normal in both. `shared` holds problem, free
+    variables of the estimate, residual there and kind; `rng` draws, `tools` searches. A search that does not converge
+    has failed.
     """
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))

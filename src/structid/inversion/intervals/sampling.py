@@ -290,8 +290,9 @@ def _by_nuts(
 ) -> _Drawn:
     """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of `_AT_ONCE` draws.
 
-    Each of the `n_chains` chains has `n_warmup` draws that are dropped and `n_draws` that are kept. `target` is the log
-    density; each chain has a generator that `rng` spawns, and `work` runs it.
+    Each of the `n_chains` chains drops `n_warmup` draws and keeps `n_draws`. `target` is the log density; draws are in
+    its whitened coordinates, with the divergent trajectories and gradients of all chains counted. Each chain has a
+    generator that `rng` spawns, and `work` runs it.
     """
     states: list[StoredValues] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]

@@ -163,8 +163,9 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
 def _read_key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
     """Key of the vector that an EIGENVALUE line of a punch file announces; `FileError` if the line holds none.
 
-    `number` is that of the line, from 1. `subcase` and `superelement` are the numbers stated above the line, None if
-    there are none.
+    The key has the number of the mode and its eigenvalue as text, real and imaginary part if it is complex. `number` is
+    that of the line, from 1; `subcase` and `superelement` are the numbers stated above the line, None if there are
+    none.
     """
     if match := _EIGENVALUE.match(line):
         return VectorKey(subcase, superelement, int(match[2]), (match[1],))

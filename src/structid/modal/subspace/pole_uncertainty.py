@@ -308,9 +308,9 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
     clean = matrix(motion.decay)
 
     def changes() -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Deviations of the matrix, one by one: each times V, and its transpose times U.
+        """Products of each deviation D of the matrix: D V (n_rows, max_order), then D' U (n_columns, max_order).
 
-        The products are (n_rows, max_order) and (n_columns, max_order).
+        D is over the square root of `n_changes`, so that squares of the products sum to variances.
         """
         for k in range(n_changes):
             noise = [np.roll(e, round((k + 0.5) / n_changes * len(e)), axis=0) for e in motion.rest]

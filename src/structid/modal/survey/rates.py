@@ -82,10 +82,12 @@ def look_rates(record: TimeRecord) -> tuple[float, ...]:
 def joined(
     low: ModalIdentification, high: ModalIdentification, frequency: float, greatest: float = np.inf
 ) -> ModalIdentification:
-    """Modes of two analyses: of `low` below `frequency` (Hz) and of `high` from there on.
+    """Modes of two analyses by rising frequency: of `low` below `frequency` (Hz) and of `high` from there on.
 
-    Of a mode that both have, the one with the smaller standard deviation of frequency is taken. A mode that only the other
-    analysis has is taken as well where it is likely to be a mode (`mode_probability`).
+    Of a mode that both have, the one with the smaller standard deviation of frequency is taken; if these are equal or
+    unknown, or the mode of `low` lies above `greatest`, its frequency there decides. A mode that only the other
+    analysis has is taken as well where it is likely to be a mode (`mode_probability`) and, in `low`, lies below
+    `greatest`.
 
     Parameters
     ----------

@@ -571,9 +571,10 @@ def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
 
 
 def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
-    """Warnings if no mode lies in the band, or a mode in it has less than one line in its half-power bandwidth.
+    """At most one warning: no mode lies in the band, or a mode there has under one line in its half-power bandwidth.
 
-    The list is empty for a record of measured modes, which has no lines.
+    The second is on the mode with the fewest lines and counts the others. [] if all is well, or if every mode has NaN
+    lines, as for a record of measured modes.
     """
     if all(np.isnan(mode.lines_per_bandwidth) for mode in modes):
         return []
