@@ -405,7 +405,7 @@ def test_what_is_doubtful_is_marked_in_its_place(page, screens, tmp_path):
         "[structure.nodes]  # m\n", "[structure.nodes]  # m\n7 = [0.2, 0.3]\n8 = [0.5, 0.3]\n9 = [0.0, 0.3]\n"
     )
     text = re.sub(r"^(\d = \[\d\.\d+)\]", r"\1, 0.0]", text, flags=re.M)
-    text = re.sub(r"fixed = \[(.*)\]", r'fixed = [\1, "9Y"]\nactive = ["Y", "RZ"]', text)
+    text = re.sub(r"fixed = \[(.*)\]", r'fixed = [\1, "9Y"]\nactive = ["Y", "RZ"]\nsubdivide = 1', text)
     lost = """
 [[structure.beam]]
 name = "lost"
