@@ -342,3 +342,9 @@ def test_blank_words_of_inertias_and_masses_are_0_and_move_no_others(tmp_path):
         assert part_of(mesh, "MASS").obstacle == ("it is not the same in all directions" if row == "2., , 2." else "")
         [turning] = part_of(mesh, "ROTARY INERTIA").masses
         assert np.diag(turning.matrix).tolist() == [0.0, 0.0, 0.0, 0.0, 0.0, 5.0]
+
+
+def test_a_mean_without_its_first_weight_is_not_read_as_another(deck):
+    mesh = deck("RBE3,1,,5,123456,,123,1,2,3,4\nENDDATA\n")
+    part = part_of(mesh, "RBE3")
+    assert (part.obstacle, part.ties) == ("RBE3 1 cannot be read: its first weight is blank", ())

@@ -623,8 +623,10 @@ def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
 def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
     """Weight, components (digits) and nodes of each group of an RBE3, and the pairs of node and components behind UM.
 
-    `fields` are those of the card from the first weight on.
+    `fields` are those of the card from the first weight on; `ValueError` if that is blank, so that what follows is none.
     """
+    if not fields[:1] or not fields[0]:
+        raise ValueError("its first weight is blank")
     groups: list[tuple[float, str, list[int]]] = []
     rest = [word for word in fields if word]
     end = next((k for k, word in enumerate(rest) if word in ("UM", "ALPHA", "TREF")), len(rest))
