@@ -191,8 +191,9 @@ def _require_measured(
         given = (records,) if isinstance(records, TimeRecord | CorrelationRecord) else tuple(records)
         rates = [r.sampling_rate for r in given if isinstance(r, TimeRecord | CorrelationRecord)]
         limit, words = min(rates, default=np.inf) / 2, "half the sampling rate"
-    bands = [f for band in options.bands or () for f in band]
-    asked = [f for f in (*options.criteria.frequency, *(options.frequencies or ()), *bands) if np.isfinite(f)]
+    bands = [f for band in (() if options.bands is None else options.bands) for f in band]
+    named = () if options.frequencies is None else options.frequencies
+    asked = [f for f in (*options.criteria.frequency, *named, *bands) if np.isfinite(f)]
     if max(asked, default=0.0) > limit:
         raise InputError(
             f"frequencies asked for must be at most {limit:g} Hz, {words}, got {max(asked):g} Hz; lower `criteria`,"
