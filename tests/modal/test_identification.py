@@ -227,6 +227,7 @@ def test_criteria_that_nothing_meets_are_named():
     [
         {"criteria": HardCriteria(frequency=(1.0, 20.0))},
         {"frequencies": [8.0]},
+        {"frequencies": np.array([1.0, 8.0])},
         {"method": "bayesian_fft", "bands": [(1, 6)]},
     ],
 )
