@@ -121,8 +121,24 @@ def test_a_factor_of_a_substructure_is_no_spring_that_is_gone():
         values=[1e-9] * 2,
         initial=[1.0] * 2,
         std=[1.0] * 2,
+        fixed=None,
     )
     assert [is_gone(small, 0), is_gone(small, 1)] == [True, False]
+
+
+@pytest.mark.parametrize("within, expected", [(1e-9, True), (0.5, False)])
+def test_a_spring_that_comes_back_within_tolerances_is_not_gone(within, expected):
+    """Errors of fixed values drive it to 0; with these free within their tolerances it is half of its start."""
+    foot = SimpleNamespace(
+        names=("stiffness[foot]",),
+        units=("N/m",),
+        values=[1e-9],
+        initial=[1.0],
+        std=[1.0],
+        theta=np.log([1e-9]),
+        fixed=SimpleNamespace(theta=np.log([within])),
+    )
+    assert is_gone(foot, 0) is expected
 
 
 def test_a_spring_that_is_known_well_after_a_start_far_too_high_is_not_gone():

@@ -40,6 +40,30 @@ def test_a_refit_begins_at_the_end_of_one_to_a_part_only_if_it_fits_all_data_bet
     assert held.refit(("p",), theta, 4.42, start=near).theta == pytest.approx(near, abs=1e-12)
 
 
+class Plateau(Problem):
+    """A stiffness exp(k), least (0) at 1, that nothing feels where it is small, and a fixed value whose error is a third row."""
+
+    unknowns = FreeUnknowns(("k", f"{FIXED}mass[floor]"), np.array([0.3, 0.0]))
+    rows = DataRows(np.arange(2), np.zeros(2, int))
+
+    def residual(self, theta):
+        stiffness = np.exp(theta[0])
+        return np.array([10 * (stiffness**2 - 1), 20 * (stiffness**2 - 1) * (1 + theta[1]), theta[1]])
+
+    def linearize(self, theta):
+        slope, error = 2 * np.exp(2 * theta[0]), theta[1]
+        rows = [[10 * slope, 0.0], [20 * slope * (1 + error), 20 * (np.exp(2 * theta[0]) - 1)], [0.0, 1.0]]
+        return Linearization(self.residual(theta), np.array(rows), 2)
+
+
+def test_a_value_that_ran_away_goes_back_to_its_start_where_the_refit_does_not_find_the_way():
+    """From exp(-8) of a stiffness no step leads back; the sum of squares there is 500 on 2 data."""
+    held = FixedValues(Plateau(), {f"{FIXED}mass[floor]": 1.0})
+    end = held.refit(("k",), np.array([-8.0]), 500.0)
+    assert end.theta == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert end.chi_square == pytest.approx(0.0, abs=1e-5)
+
+
 class Line(Problem):
     """Two parameters, and a fixed value that the data put almost 10 tolerances off; `is_broken` leaves no model between."""
 

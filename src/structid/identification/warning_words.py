@@ -157,9 +157,21 @@ def ran_away_remedy(estimate: Estimate, index: int) -> str:
 def is_gone(estimate: Estimate, index: int) -> bool:
     """True for the stiffness of a spring, support or joint, at `index`, that fell to a thousandth of its start and is not known.
 
-    A value with a deviation smaller than itself is known, and only its start was too high. Factors of groups of matrices, which
-    have no unit, are no springs.
+    A value with a deviation smaller than itself is known, and only its start was too high. One that comes back with fixed
+    values free within their tolerances went to zero for their errors alone. Factors of groups of matrices, which have no unit,
+    are no springs.
     """
     is_stiffness = estimate.names[index].startswith("stiffness[") and estimate.units[index] != "1"
     is_known = 0 < estimate.std[index] < estimate.values[index]  # 0 for a value that is held at a bound
-    return is_stiffness and not is_known and bool(estimate.values[index] <= estimate.initial[index] / _FAR)
+    limit = estimate.initial[index] / _FAR
+    is_gone_within_tolerances = estimate.fixed is None or bool(_value_within_tolerances(estimate, index) <= limit)
+    return is_stiffness and not is_known and bool(estimate.values[index] <= limit) and is_gone_within_tolerances
+
+
+def _value_within_tolerances(estimate: Estimate, index: int) -> float:
+    """Value of the positive parameter at `index` where fixed values are free within their tolerances.
+
+    It is the value of the estimate where noise explains its residual.
+    """
+    assert estimate.fixed is not None
+    return float(estimate.values[index] * np.exp(estimate.fixed.theta[index] - estimate.theta[index]))

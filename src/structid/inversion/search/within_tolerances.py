@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid import inversion
 from structid.core.arrays import FloatArray, IntArray
@@ -15,7 +16,7 @@ from structid.inversion.composed_problems import FixedVariables
 from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns, explained_part
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
-from structid.inversion.search.least_squares import Method, Progress, minimize, squared
+from structid.inversion.search.least_squares import Method, Minimum, Progress, minimize, sizes_at, squared
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 
 #: Fixed values are near: a few steps settle them.
@@ -28,6 +29,8 @@ _LAST_REFIT = LevenbergMarquardt(max_iterations=4, gain_tolerance=1e-4, initial_
 
 #: Sum of squares, in parts of the number of data, from which on a fit is far beyond its noise.
 _FAR = 4.0
+#: Distance from its start, in sizes of the value, from which on a value ran away: a factor of 1000.
+_LOST = np.log(1000.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +81,41 @@ class FixedValues:
 
         `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data (not in a
         matrix-free search), a first search of seven iterations has more damping, and the refit ends there if it stays
-        above. `start` is the end of a refit to a part of the data, free variables of all unknowns with fixed values
-        among them: from there only a few steps are taken, if it fits all data better than `theta`.
+        above. A refit that stays above is repeated with the values that ran away back at their starts: the data that
+        drove them off with fixed values exact may not see the way back. `start` is the end of a refit to a part of the
+        data, free variables of all unknowns with fixed values among them: from there only a few steps are taken, if it
+        fits all data better than `theta`.
         """
-        begun, far = self._all_free_variables(names, theta), _FAR * self.problem.n_data
+        begun = self._all_free_variables(names, theta)
         if start is not None and self._cost(start) < self._cost(begun):
             minimum = minimize(self.problem, _LAST_REFIT, start, progress)
             return self._fit(minimum.theta, minimum.linearization, names)
-        if not self.is_matrix_free and chi_square > far:
-            minimum = minimize(self.problem, _FAR_REFIT, begun, progress)
-            if minimum.costs[-1] > far:
-                return self._fit(minimum.theta, minimum.linearization, names)
-            begun = minimum.theta
-        minimum = minimize(self.problem, self._method, begun, progress)
+        minimum = self._refit_from(begun, chi_square, progress)
+        lost = self._lost(begun)
+        if lost.any() and minimum.costs[-1] > self._far:
+            with suppress(StructidError, np.linalg.LinAlgError):  # the first refit stands where the model fails there
+                again = self._refit_from(np.where(lost, self.problem.theta_start, begun), chi_square, progress)
+                minimum = min(minimum, again, key=lambda one: float(one.costs[-1]))
         return self._fit(minimum.theta, minimum.linearization, names)
+
+    def _refit_from(self, begun: FloatArray, chi_square: float, progress: Progress | None) -> Minimum:
+        """Minimum with all unknowns free, searched from the free variables `begun`, for an answer that leaves `chi_square`."""
+        if not self.is_matrix_free and chi_square > self._far:
+            minimum = minimize(self.problem, _FAR_REFIT, begun, progress)
+            if minimum.costs[-1] > self._far:
+                return minimum
+            begun = minimum.theta
+        return minimize(self.problem, self._method, begun, progress)
+
+    @property
+    def _far(self) -> float:
+        """Sum of squares from which on a fit is far beyond its noise."""
+        return _FAR * self.problem.n_data
+
+    def _lost(self, theta: FloatArray) -> NDArray[np.bool_]:
+        """Which of the free variables `theta` lie so far from their starts that the data do not see the way back."""
+        start = np.array(self.problem.theta_start)
+        return np.abs(theta - start) > _LOST * sizes_at(self.problem, start)
 
     def followed(self, within: FitWithinTolerances, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
         """Copy of the fit `within` tolerances with its `followed` and `explained`, by comparison with an answer.
