@@ -1,4 +1,6 @@
-"""FRFs whose imaginary parts have the other sign are told by their phases, without a driving point."""
+"""What is said of FRFs by themselves: imaginary parts of the other sign, without a driving point, and coherence."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,3 +33,13 @@ def test_noise_alone_turns_neither_way():
     rng = np.random.default_rng(1)
     values = rng.standard_normal((400, 2)) + 1j * rng.standard_normal((400, 2))
     assert record_warnings(record(values, np.linspace(1, 50, 400))) == ()
+
+
+def test_sensors_of_low_coherence_are_named_in_one_warning():
+    coherence = np.full((10, 3, 1), 0.99)
+    coherence[:3, 0], coherence[:4, 1], coherence[:2, 2] = 0.5, 0.5, 0.5
+    values = np.ones((10, 3, 1), dtype=complex)
+    frf = FrfRecord(np.linspace(1, 2, 10), values, ["2X", "3X", "4X"], ["1X"], "mobility", coherence=coherence)
+    assert record_warnings(frf) == ("coherence of 2X+, 3X+ is below 0.8 at up to 40 % of the lines",)
+    alone = replace(frf, coherence=np.where(np.arange(3)[:, None] == 1, coherence, 1.0))
+    assert record_warnings(alone) == ("coherence of 3X+ is below 0.8 at 40 % of the lines",)

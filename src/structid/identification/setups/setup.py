@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from structid.core.arrays import FloatArray
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.core.errors import InputError, SingularModelError
 from structid.fem import Structure
@@ -43,8 +44,8 @@ def record_warnings(record: FrfRecord) -> tuple[str, ...]:
 
     A driving point must have a real part of its mobility of at least 0 (it can only take power in); a record whose
     mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention.
-    Phases of responses fall with frequency; where they rise, imaginary parts have the other sign. Coherence is warned
-    about for a sensor with less than 0.8 at more than 20 % of its values.
+    Phases of responses fall with frequency; where they rise, imaginary parts have the other sign. One warning names the
+    sensors with a coherence of less than 0.8 at more than 20 % of their values.
     """
     warnings = []
     for i, load in enumerate(record.inputs):
@@ -54,9 +55,10 @@ def record_warnings(record: FrfRecord) -> tuple[str, ...]:
     warnings.extend(_phases_that_rise(record))
     if record.coherence is not None:
         low = (record.coherence < 0.8).mean(axis=(0, 2))
-        for sensor, part in zip(record.outputs, low, strict=True):
-            if part > 0.2:
-                warnings.append(f"coherence of {sensor} is below 0.8 at {100 * part:.0f} % of the lines")
+        sensors = [sensor for sensor, part in zip(record.outputs, low, strict=True) if part > 0.2]
+        if sensors:
+            part = f"{'up to ' if len(sensors) > 1 else ''}{100 * low.max():.0f} %"
+            warnings.append(f"coherence of {join_words(sensors, 4)} is below 0.8 at {part} of the lines")
     return tuple(warnings)
 
 
