@@ -140,3 +140,56 @@ def test_nodes_with_decimal_commas_are_refused(tmp_path):
         read(tmp_path, flat, ".inp")
     normals = "*NODE\n1,0,0,0,0,0,1\n2,1,0,0,0,-1,0\n3,1,1,0,1,1,0\n4,0,1,0,,,\n" + PANEL.partition("4,0,1,0\n")[2]
     assert len(read(tmp_path, normals, ".inp").labels) == 4
+
+
+def test_continuations_behind_another_card_are_refused(tmp_path):
+    """They would be taken for lines of that card, and the inertia of this mass for none."""
+    mass = "CONM2   9       3       0       2.      .1      .2      .3              +C9\n"
+    inertia = "+C9     1.              2.                      3.\n"
+    here = read(tmp_path, f"BEGIN BULK\n{GRIDS}{mass}{inertia}GRID,11,,0.,0.,1.\nENDDATA\n")
+    assert part_of(here, "CONM2").masses[0].matrix[5, 5] == pytest.approx(3 + 2 * (0.1**2 + 0.2**2))
+    for between in ("GRID,11,,0.,0.,1.\n", "GRID    11              0.      0.      1.\n", "PSHELL,1,1,.01\n"):
+        with pytest.raises(FileError, match=r"line 9: goes on with mark 'C9'.*put each line behind the one"):
+            read(tmp_path, f"BEGIN BULK\n{GRIDS}{mass}{between}{inertia}ENDDATA\n")
+
+
+@pytest.mark.parametrize(
+    ("placing", "place"),
+    [
+        (",,2.5\n", (1, 0, 2.5)),
+        ("1.,0.,0.,\n0.,0.,0.,0.,0.,1.,90.,\n", (0, 2, 0)),
+        (",,\n0.,0.,0.,0.,0.,1.,90.\n", (0, 1, 0)),
+        ("0.,0.,0.,0.,0.,1.,90.\n", (0, 1, 0)),
+    ],
+)
+def test_blanks_in_the_place_of_an_instance_are_noughts(tmp_path, placing, place):
+    text = f"*PART,NAME=P\n{PANEL}*END PART\n*ASSEMBLY,NAME=A\n*INSTANCE,NAME=P-1,PART=P\n{placing}*END INSTANCE\n*END ASSEMBLY\n"
+    assert read(tmp_path, text, ".inp").nodes[2] == pytest.approx(place)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "*PARAMETER\na=2.\n" + PANEL.replace("2,1,", "2,<a>,"),
+            r"line 1: \*PARAMETER is not evaluated; write its numbers",
+        ),
+        (PANEL.replace("*ELEMENT", "*ELEM"), r"\*ELEM is short for \*ELEMENT; write it in full"),
+        (PANEL + "*TRANS, NSET=T\n1.,0.,0.,0.,1.,0.\n", r"\*TRANS is short for \*TRANSFORM"),
+    ],
+)
+def test_parameters_and_short_keywords_are_refused(tmp_path, text, words):
+    with pytest.raises(FileError, match=words):
+        read(tmp_path, text, ".inp")
+
+
+def test_a_reference_node_may_be_spelt_as_calculix_takes_it(tmp_path):
+    text = PANEL + "*NODE\n9,.5,.5,1.\n*NSET,NSET=N\n1,2\n*SURFACE,TYPE=NODE,NAME=SF\nN,\n"
+    ties = [
+        part_of(
+            read(tmp_path, f"{text}*COUPLING,SURFACE=SF,{key}=9,CONSTRAINT NAME=C\n*KINEMATIC\n", ".inp"), "COUPLING"
+        ).ties
+        for key in ("REF NODE", "refnode")
+    ]
+    assert ties[0]
+    assert ties[0] == ties[1]

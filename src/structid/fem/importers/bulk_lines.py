@@ -268,11 +268,36 @@ def _select_cards(
     )
     name = np.char.strip(words.view("S8").ravel())
     wanted = np.isin(name, [word.encode() for word in names]) & is_start
+    every_line = BulkLines(path, buffer, start, end, number, width, np.maximum(card, 0), origins)
+    _require_marks_behind(every_line, np.flatnonzero(~blank_line), ~is_start & (head[:, 1:] > ord(" ")).any(axis=1))
     keep = np.flatnonzero((card >= 0) & wanted[np.maximum(card, 0)] & ~blank_line)
     card_index = np.searchsorted(keep, card[keep])
     lines = BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], card_index, origins)
     _require_order(lines)
     return lines
+
+
+def _require_marks_behind(lines: BulkLines, filled: IntArray, marked: NDArray[np.bool_]) -> None:
+    """Raise `FileError` if a continuation line stands behind a line without its mark, and another line ends in that mark.
+
+    `filled` are the lines (indices) that are not blank, `marked` (n_lines,) those that go on and say by a mark with what. Lines
+    in free field are passed over.
+    """
+    follows = np.flatnonzero(marked[filled] & (lines.width[filled] != _WIDE))
+    follows = follows[follows > 0]
+    rows, before = filled[follows], filled[follows - 1]
+    marks = lines.words(rows, 1, 7)
+    alone = (marks != b"") & (lines.words(before, 73, 7) != marks)
+    if not alone.any():
+        return
+    ends = filled[lines.width[filled] != _WIDE]
+    open_marks = set().union(*(lines.words(ends[part], 73, 7).tolist() for part in chunks(len(ends))))
+    for row, mark in zip(rows[alone].tolist(), marks[alone].tolist(), strict=True):
+        if mark in open_marks:
+            raise FileError(
+                f"{lines.location(row)}: goes on with mark {mark.decode('latin-1')!r}, in which the line before does not end, but"
+                " another; put each line behind the one that it continues"
+            )
 
 
 def _require_order(lines: BulkLines) -> None:

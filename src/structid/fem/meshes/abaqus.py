@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
-from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks, numbers_of
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks, numbers_of, spelled_out
 from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
 from structid.fem.meshes.abaqus_surfaces import Surfaces
 from structid.fem.meshes.coordinate_systems import unit_normals
@@ -84,6 +84,14 @@ class _Reader:
             if block.keyword in _REFUSED:
                 raise FileError(
                     f"{self._path}, line {block.line}: *{block.keyword} is not read; write the mesh with all nodes and elements"
+                )
+            if block.keyword == "PARAMETER":
+                raise FileError(
+                    f"{self._path}, line {block.line}: *PARAMETER is not evaluated; write its numbers in place of the <names>"
+                )
+            if full := spelled_out(block.keyword):
+                raise FileError(
+                    f"{self._path}, line {block.line}: *{block.keyword} is short for *{full}; write it in full"
                 )
             try:
                 self._take_keyword(block)

@@ -161,10 +161,13 @@ class PartData:
         """Move the nodes to the place of the instance: by a shift, then by a rotation about a line, which sets `turn`.
 
         `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if
-        not moved. Raises `ValueError` if the second line has not seven numbers, or both points are one.
+        not moved. A first line of more than three numbers is one that turns. Raises `ValueError` if the line that turns has
+        not seven numbers, or both points are one.
         """
         if not rows or not self.nodes:
             return
+        if any(rows[0][3:]):
+            rows = [[], *rows]
         positions = np.array(list(self.nodes.values())) + np.array(numbers_of(rows[0], 3))
         if len(rows) > 1 and any(rows[1]):
             numbers = numbers_of(rows[1], 7)

@@ -12,6 +12,12 @@ from structid.files import require_readable
 _MOST_INCLUDES = 20
 #: Keywords whose data lines may stand in a file of their own.
 _WITH_INPUT = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION")
+#: Keywords that Abaqus understands by their first letters too.
+_SHORTENED = (
+    "NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "TRANSFORM", "SYSTEM", "SURFACE", "COUPLING", "RIGID BODY", "SPRING",
+    "DASHPOT", "ROTARY INERTIA", "PART", "INSTANCE", "ASSEMBLY", "INCLUDE", "KINEMATIC", "DISTRIBUTING",
+)  # fmt: skip
+_FEWEST_LETTERS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +70,22 @@ def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
         yield block
 
 
+def spelled_out(keyword: str) -> str:
+    """The one keyword of those that are read which `keyword` (in capitals) is short for; "" if it is none or in full."""
+    full = [name for name in _SHORTENED if name.startswith(keyword)]
+    return full[0] if len(full) == 1 and full[0] != keyword and len(keyword) >= _FEWEST_LETTERS else ""
+
+
 def keyword_options(words: list[str]) -> dict[str, str]:
-    """Options such as ``NAME=STEEL`` by their names in capitals; those without a value have an empty one."""
-    pairs = (word.partition("=") for word in words if word)
-    return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+    """Options such as ``NAME=STEEL`` by their names in capitals; those without a value have an empty one.
+
+    ``REFNODE``, as CalculiX takes it, is ``REF NODE``.
+    """
+    pairs = [
+        (key.strip().upper(), value.strip().strip('"'))
+        for key, _, value in (word.partition("=") for word in words if word)
+    ]
+    return {"REF NODE" if key == "REFNODE" else key: value for key, value in pairs}
 
 
 def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
