@@ -121,10 +121,36 @@ def test_labels_give_units_without_164(tmp_path, values):
 def test_contradicting_units_are_not_guessed(tmp_path, values):
     data = [units(), function((1, 3), (2, 3), values[:, 0, 0], ordinate_axis_units_lab="g")]
     path = write(tmp_path / "a.uff", data)
-    with pytest.raises(FileError, match=r"unit 'g' .*dataset 164 says 1; tell which is right: give `unit = .*--unit "):
+    with pytest.raises(FileError, match=r"unit 'g' .*dataset 164 says 1; tell which is right: give `unit` .*--unit "):
         read_record(path)
     record = read_record(path, ReadOptions(unit="g/N"))
     np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0] * 9.80665, rtol=1e-11)
+
+
+def test_a_unit_that_contradicts_dataset_164_is_proposed_as_the_labels_have_it(tmp_path, values):
+    labels = {"ordinate_axis_units_lab": "g", "orddenom_axis_units_lab": "lbf"}
+    path = write(tmp_path / "a.uff", [units(1 / 0.0254), function((1, 3), (2, 3), values[:, 0, 0], **labels)])
+    with pytest.raises(FileError, match=r'give `unit = "\(g\)/\(lbf\)"`.* if the labels are, else that of dataset 164'):
+        read_record(path)
+    record = read_record(path, ReadOptions(unit="(g)/(lbf)"))
+    np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0] * 9.80665 / 4.4482216152605, rtol=1e-11)
+
+
+def test_a_byte_order_that_the_bytes_contradict_is_refused(tmp_path, frf):
+    path = tmp_path / "a.uff"
+    uff.write(path, frf)
+    little, big = b"    58b     1     2", b"    58b     2     2"
+    assert little in path.read_bytes()
+    path.write_bytes(path.read_bytes().replace(little, big))
+    with pytest.raises(FileError, match=r"says byte order 2 in its first line, but .*write 1 there"):
+        read_record(path)
+
+
+def test_a_file_of_modes_is_called_so(tmp_path):
+    path = tmp_path / "a.uff"
+    path.write_text("    -1\n    55\nNONE\n    -1\n    -1\n   164\n         1\n    -1\n")
+    with pytest.raises(FileError, match=r"only datasets 55, 164; give modes as such, by \[record\.modes\]"):
+        read_record(path)
 
 
 @pytest.mark.parametrize("ordinate, kind", [(8, "receptance"), (11, "mobility"), (12, "accelerance")])

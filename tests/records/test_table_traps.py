@@ -209,3 +209,56 @@ def test_signs_that_belong_to_names_or_lines_left_out_are_not_stripped(tmp_path)
     np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
     record = read(tmp_path, "#1.5 2.5\n" + rows(" "), sampling_rate=RATE, **TWO)
     np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("head", "separator", "words"),
+    [
+        ("time_s,x,y\n\n", ",", "names in line 1"),
+        ("Time,x,y\n(s),(g),(g)\n\n", ",", "units in line 2"),
+        ("sep=;\ntime_s;x;y\n", ";", "names in line 2"),
+    ],
+)
+def test_blank_lines_and_separators_above_the_numbers_are_no_rows(tmp_path, head, separator, words):
+    record = read(tmp_path, head + rows(separator, lambda i: f"{i / RATE:.3f}"), **TWO)
+    assert record.sampling_rate == pytest.approx(RATE)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    assert words in record.source
+
+
+def test_a_bad_cell_below_a_blank_line_is_told_with_its_line(tmp_path):
+    text = "time_s,x,y\n\n" + rows(",", lambda i: f"{i / RATE:.3f}")
+    lines = text.splitlines(keepends=True)
+    lines[6] = lines[6].replace(lines[6].split(",")[1], "abc")
+    with pytest.raises(FileError, match=r"line 7, column 2 \(x\) must be a number, got 'abc'"):
+        read(tmp_path, "".join(lines), **TWO)
+
+
+def test_voltages_in_a_line_of_units_are_units(tmp_path):
+    text = "Time,Channel A,Channel B\n(ms),(mV),(mV)\n\n" + rows(",", lambda i: f"{1000 * i / RATE:.2f}")
+    record = read(tmp_path, text, channels="1X,2X", units="mV at 100 mV/g")
+    assert record.sampling_rate == pytest.approx(RATE)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY / 100)
+    with pytest.raises(InputError, match="a voltage says nothing without its sensor"):
+        read(tmp_path, text, channels="1X,2X")
+
+
+@pytest.mark.parametrize("quoted", [False, True])
+def test_exponents_of_fortran_are_read(tmp_path, quoted):
+    lines = "".join(f"{i / RATE:.4E},{a:.6E},{b:.6E}\n" for i, (a, b) in enumerate(VALUES)).replace("E", "D")
+    if quoted:
+        lines = "".join(",".join(f'"{cell}"' for cell in line.split(",")) + "\n" for line in lines.splitlines())
+    record = read(tmp_path, "time_s,x,y\n" + lines, **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [("1.#INF", "clear the cell"), ("-1.#IND00", "clear the cell"), ("1\u202f364.1", "without thousands separators")],
+)
+def test_marks_of_programs_in_place_of_numbers_are_told(tmp_path, cell, words):
+    text = "time_s,x,y\n" + rows(",", lambda i: f"{i / RATE:.3f}")
+    lines = text.splitlines(keepends=True)
+    lines[9] = lines[9].replace(lines[9].split(",")[1], cell)
+    with pytest.raises(FileError, match=rf"line 10, column 2 \(x\) must be a number.*{words}"):
+        read(tmp_path, "".join(lines), **TWO)

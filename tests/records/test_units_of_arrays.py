@@ -332,3 +332,28 @@ def test_frequencies_are_in_the_unit_that_their_name_says(tmp_path, name, given,
             read_record(tmp_path / "a.npz", options)
     else:
         np.testing.assert_allclose(read_record(tmp_path / "a.npz", options).frequency, lines * factor)
+
+
+@pytest.mark.parametrize(
+    ("text", "is_refused"), [("200 Hz", True), ("0.2 kHz", True), ("100", False), ("100 S/s", False)]
+)
+def test_a_rate_in_words_must_agree(tmp_path, text, is_refused):
+    path = stored(tmp_path / "a.h5", sampling_frequency=text)
+    options = ReadOptions(sampling_rate=100.0, channels="1X,2X", units="g")
+    if is_refused:
+        with pytest.raises(InputError, match=r"sampling_frequency says 200 samples a second, but `sampling_rate` 100"):
+            read_record(path, options)
+    else:
+        assert read_record(path, options).sampling_rate == 100.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "stated"), [("SampleRate", 200.0, 200), ("SampleFrequency", "50", 50), ("dt", 0.01, 0)]
+)
+def test_a_rate_that_stands_elsewhere_is_said(tmp_path, key, value, stated):
+    path = stored(tmp_path / "a.h5")
+    with h5py.File(path, "a") as file:
+        file.create_group("header").attrs[key] = value
+    source = read_record(path, ReadOptions(sampling_rate=100.0, channels="1X,2X", units="g")).source
+    assert ("sampled at 100 Hz as given, though header" in source) == bool(stated)
+    assert source.endswith(f"{key} says {stated}") == bool(stated)

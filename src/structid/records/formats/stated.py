@@ -56,6 +56,8 @@ _SENSITIVITIES = {"sensitivity", "sensitivities", "sensorsensitivity"}
 #: Places below the parent of an array where structs of test software keep its unit and step.
 _LABELS, _INCREMENTS = (("quantity", "label"),), (("xvalues", "increment"),)
 _AGREE = 1e-3
+#: A rate or step in words: a number, and its unit if there is one.
+_RATE_IN_WORDS = re.compile(r"\s*([+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*([^\d\s][^\d]*)?\s*")
 #: Times without a unit may be in s, ms or us.
 _TIME_UNITS = (1.0, 1e-3, 1e-6)
 
@@ -120,18 +122,53 @@ def require_agreement(
             notes.append(_compare_units(path, array, name, value, options))
         elif key in _NAMES and isinstance(value, tuple):
             _require_channels(path, name, value, options)
-        elif options.sampling_rate and isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
+        elif options.sampling_rate and (numbers := _numbers_of(value, _plain(where[-1]))) is not None:
             base, factor = _with_unit(name) or (key, 1.0)
+            if not key and (elsewhere := _plain(where[-1])) in _RATES | _STEPS:
+                notes.append(_note_of_rate(name, elsewhere, numbers, options.sampling_rate))
             _require_rate(
                 path,
                 name,
                 base if key else "",
-                value.astype(float) * factor,
+                numbers * factor,
                 shape[0] if shape else 0,
                 options.sampling_rate,
                 _TIME_UNITS if base == key else (1.0,),
             )
     return "; ".join(filter(None, notes))
+
+
+def _numbers_of(value: np.ndarray | tuple[str, ...], plain: str) -> np.ndarray | None:
+    """The numbers of a statement as floats, of a rate or step in words (``200 Hz``) in Hz or s; None if it holds none.
+
+    `plain` is the last part of its name in small letters.
+    """
+    if isinstance(value, np.ndarray):
+        return value.astype(float) if value.dtype.kind in "fiu" else None
+    if len(value) != 1 or plain not in _RATES | _STEPS:
+        return None
+    match = _RATE_IN_WORDS.fullmatch(value[0])
+    if match is None:
+        return None
+    parse = parse_frequency_unit if plain in _RATES else parse_time_unit
+    unit = re.sub(r"^(S/s|sps)$", "Hz", (match[2] or "").strip(), flags=re.IGNORECASE)
+    try:
+        return np.array([float(match[1]) * (parse(unit) if unit else 1.0)])
+    except InputError:
+        return None
+
+
+def _note_of_rate(name: str, plain: str, numbers: np.ndarray, rate: float) -> str:
+    """Note on a rate (Hz) or step (s) that stands elsewhere in the file, where it differs from the sampling rate `rate`; else "".
+
+    `name` is that of the statement, `plain` its last part in small letters, `numbers` what it holds.
+    """
+    if numbers.size != 1 or not numbers.flat[0] > 0:
+        return ""
+    stated = float(numbers.flat[0] if plain in _RATES else 1 / numbers.flat[0])
+    if abs(stated / rate - 1) <= _AGREE:
+        return ""
+    return f"sampled at {rate:g} Hz as given, though {name} says {stated:.6g}"
 
 
 def _parts(name: str) -> tuple[str, ...]:

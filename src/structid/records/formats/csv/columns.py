@@ -171,7 +171,8 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
         return 0
     if options.sampling_rate is None:
         shown = ", ".join(table.names[:8])
-        stated = next(iter(factors_in_header(table.names[0], table.units[0], parse_frequency_unit)), "Hz")
+        bare = "rad/s" if table.names[0].strip().lower() in ("w", "omega", "\u03c9") else "Hz"
+        stated = next(iter(factors_in_header(table.names[0], table.units[0], parse_frequency_unit)), bare)
         raise FileError(
             f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first as frequency, as in"
             f" Frequency [Hz]; the columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz) of time"

@@ -35,6 +35,10 @@ _POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
 _TOA5 = re.compile(r'\s*"?TOA5"?\s*[,;\t]')
 #: Sign of a comment before the names of columns or their units, as arrays are saved with; and one before a later cell.
 _COMMENT_SIGN, _LATER_SIGN = re.compile(r'^\s*[#%]+\s*(?=[\w"])'), re.compile(r'[,;\s]\s*"?[#%]')
+#: Units that say nothing without a sensor, but stand in lines of units.
+_VOLTAGES = ("V", "mV")
+#: First line by which spreadsheets are told the separator.
+_SEPARATOR_LINE = re.compile(r'"?sep=([,;\t|])"?\s*', re.IGNORECASE)
 _BETWEEN_CELLS = re.compile(r"[,;\s]+")
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
@@ -168,7 +172,7 @@ def is_unit(cell: str) -> bool:
 def _are_units(row: Sequence[str]) -> bool:
     """True if more than half of the non-empty cells of a row are units, and all are as short as units."""
     cells = [cell.strip() for cell in row if cell.strip()]
-    known = sum(map(is_unit, cells))
+    known = sum(is_unit(cell) or bare_unit(cell) in _VOLTAGES for cell in cells)
     return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
 
 
@@ -207,16 +211,22 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
             else f"{path}: holds no header and no line of numbers; write it again"
         )
     is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
-    skip = 1 if is_toa5 else layout.skip_rows
+    said = _SEPARATOR_LINE.fullmatch(lines[0]) if layout.skip_rows == 0 and layout.separator == "auto" else None
+    skip = 1 if is_toa5 or said else layout.skip_rows
     lines = lines[skip:end]
     lines[:2] = [_without_comment_sign(line) for line in lines[:2]]
     separator = _guess_separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
+    if said and said[1] in SEPARATORS.values():
+        separator = said[1]
     cells = _split_cells(path, lines, separator)
+    blank = _blank_rows_above_numbers(cells)
+    if blank:
+        cells = _split_cells(path, lines[: blank.start] + lines[blank.stop :], separator)
     n_header = 3 if is_toa5 else _count_header_rows(path, cells, layout)
     rows = cells[n_header:]
     if not rows:
         raise FileError(f"{path}: has a header but no line of numbers; write it again")
-    first = skip + n_header + 1
+    first = skip + n_header + len(blank) + 1
     comma = _has_decimal_commas(path, rows, separator, layout, first)
     name = next(word for word, sign in SEPARATORS.items() if sign == separator)
     head = ("no header", f"names in line {skip + 1}", f"names in line {skip + 1}, units in line {skip + 2}")[
@@ -226,6 +236,15 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{footer_words}"
     header = _named_with_statistics(cells[:n_header]) if is_toa5 else cells[:n_header]
     return Grid(header, rows, skip + 1, first, comma, words)
+
+
+def _blank_rows_above_numbers(cells: Sequence[list[str]]) -> range:
+    """Indices of the rows without a cell between the header and the first row of numbers; empty if there are none."""
+    first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), 0)
+    begin = first
+    while begin and not any(cell.strip() for cell in cells[begin - 1]):
+        begin -= 1
+    return range(begin, first if begin else begin)
 
 
 def _without_comment_sign(line: str) -> str:

@@ -32,6 +32,8 @@ _FEW = 20
 _MOSTLY = 0.9
 
 #: Decimals of the last number of a line: after a point, or after the comma of a cell that is one number between semicolons or tabs.
+#: An exponent as Fortran writes it in double precision.
+_FORTRAN = re.compile(r"(\d[.,]?)[dD]([+-]?\d)")
 _DECIMALS = re.compile(r"(?:\.|[;\t] *[+-]?\d*,)(\d+(?:[eE][+-]?\d+)?)[\s;,]*$")
 
 
@@ -300,6 +302,8 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
     ones. `rows` are the lines and their separator.
     """
     lines, sign = rows.lines, rows.separator
+    if _FORTRAN.search(lines[0]):
+        lines = [_FORTRAN.sub(r"\1E\2", line) for line in lines]
     if comma:
         if any("." in cell for line in lines for cell in _undated(line, sign, dated)):
             return None
@@ -369,6 +373,8 @@ def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int]
         if grid.decimal_comma:
             _require_no_points(path, grid.first_line + i, row[:count], names, dated)
         cells = [cell.replace(",", ".") for cell in row[:count]] if grid.decimal_comma else row[:count]
+        if any(_FORTRAN.search(cell) for cell in cells):
+            cells = [_FORTRAN.sub(r"\1E\2", cell) for cell in cells]
         if gaps and (dated or not all(cells)):
             first = 0 if count > 1 else count
             cells = [
@@ -442,10 +448,10 @@ def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], nam
             float(cells[j])
         except ValueError:
             hint = ""
-            if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
+            if re.fullmatch(r"[+-]?\d{1,3}([.,' \u00a0\u2009\u202f]\d{3})*[.,]\d+", row[j].strip()):
                 hint = f"; export without thousands separators, or give {layout_words(decimal=None)}"
             elif re.fullmatch(
-                r"#.*|n/?a|-+|null|none|error|over(flow|load|range)?|ol|ov[lr]d?|sat|clip",
+                r"#.*|-?1[.,]#(inf|ind|[qs]nan)\d*|n/?a|-+|null|none|error|over(flow|load|range)?|ol|ov[lr]d?|sat|clip",
                 row[j].strip(),
                 re.IGNORECASE,
             ):

@@ -68,7 +68,7 @@ def _file_factor(factors: UnitFactors, quantity: str, dof: Dof) -> float:
 
 
 def channel_scale(
-    path: Path, side: Characteristics, dof: Dof, factors: UnitFactors | None, option: str
+    path: Path, side: Characteristics, dof: Dof, factors: UnitFactors | None, option: str, by_labels: str = ""
 ) -> tuple[str, float]:
     """Quantity and factor to SI of the ordinate or denominator of a function.
 
@@ -84,6 +84,8 @@ def channel_scale(
         Unit factors of dataset 164; None if the file has none.
     option : str
         Option that states the unit if the file does not: ``unit`` for FRFs, ``units`` for time histories.
+    by_labels : str
+        What that option is if the labels are right, named in errors; "" if they do not say it.
 
     Raises
     ------
@@ -118,9 +120,11 @@ def channel_scale(
         return quantity, unit.factor
     factor = _file_factor(factors, quantity, dof)
     if unit is not None and not math.isclose(unit.factor, factor, rel_tol=1e-4):
+        words = option_words(**{option: f'"{by_labels}"' if by_labels else None})
         raise FileError(
             f"{path}: the data of {dof} have unit {side.label!r} (factor {unit.factor:g} to SI), but dataset 164 "
-            f"says {factor:g}; tell which is right: {remedy}"
+            f"says {factor:g}; tell which is right: give {words}"
+            f"{' if the labels are, else that of dataset 164' if by_labels else ''}"
         )
     return quantity, factor
 

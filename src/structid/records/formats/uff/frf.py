@@ -269,8 +269,9 @@ def _scale_by_sides(
     `pair` is (output, input), `factors` are those of dataset 164, None without. Raises `FileError` unless it is a
     motion per force, or a motion per the same motion (transmissibility), and its units are stated.
     """
-    quantity, above_factor = channel_scale(path, above, pair[0], factors, "unit")
-    load, below_factor = channel_scale(path, below, pair[1], factors, "unit")
+    by_labels = f"({above.label})/({below.label})" if above.label and below.label else ""
+    quantity, above_factor = channel_scale(path, above, pair[0], factors, "unit", by_labels)
+    load, below_factor = channel_scale(path, below, pair[1], factors, "unit", by_labels)
     if quantity == load != "force":
         return "transmissibility", above_factor / below_factor
     if quantity == "force" or load != "force":

@@ -32,6 +32,8 @@ _FLOATING = {1: "DEC VMS (VAX)", 3: "IBM 5/370"}
 _AxisKind = Literal["frequencies", "times"]
 _WEIGHTINGS = {1: "A", 2: "B", 3: "C", 4: "D"}
 _EXPONENTIAL = (4, 6)
+#: Decades between the numbers of one function that are not believed: bytes in the wrong order give any exponent.
+_WIDEST = 40.0
 
 
 @dataclass(frozen=True)
@@ -262,7 +264,22 @@ def _binary_values(
     width = _axis_bytes(block, points, per_value * item)
     fields = [("value", f"{sign}f{item}", (per_value,))]
     table = np.frombuffer(body, np.dtype([("axis", f"{sign}f{width}"), *fields] if width else fields))
+    spread, swapped = (_decades(values) for values in (table["value"], table["value"].byteswap()))
+    if spread > _WIDEST and swapped < _WIDEST / 2:
+        raise FileError(
+            f"{where} says byte order {order} in its first line, but its numbers are of one size in the other order only; write"
+            f" {3 - order} there, or export it again"
+        )
     return (table["axis"].astype(float) if width else None), table["value"].astype(float)
+
+
+def _decades(values: FloatArray) -> float:
+    """Decades between the smallest and the largest size of `values`, without zeros; infinite if one of them is not finite."""
+    with np.errstate(invalid="ignore"):
+        sizes = np.abs(values[values != 0]).astype(float)
+    if not sizes.size:
+        return 0.0
+    return float(np.ptp(np.log10(sizes))) if np.isfinite(sizes).all() else np.inf
 
 
 def _axis_bytes(block: UffDataset, points: int, value_bytes: int) -> int:

@@ -35,6 +35,8 @@ _FUNCTIONS = {
 _TIME, _COHERENCE = 1, 6
 _RESPONSES = (4, 5)
 _SPECTRA, _CORRELATIONS = (2, 3, 9), (7, 8)
+#: Numbers of the datasets that may hold modes.
+_MODES = (55, 2414)
 _OF_FRFS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array", "averages")
 _OF_TIMES = ("channels", "quantities", "units", "start", "stop", "longest_gap", "resample", "sampling_rate")
 
@@ -71,7 +73,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
             f'{option_words(array=None)}, "frf" or "time"'
         )
     if not frfs and not times:
-        raise _no_response_error(path, chosen_functions)
+        raise _no_response_error(path, chosen_functions, blocks)
     takes_units = not options.unit if frfs and options.array != "time" else not options.units
     factors = read_unit_factors(path, blocks) if takes_units else None
     nodes = None if options.axes == "named" else _nodes(path, blocks)
@@ -115,11 +117,11 @@ def _nodes(path: Path, blocks: list[UffDataset]) -> UniversalNodes:
         raise FileError(f"{error}; or take directions as they are named: {option_words(axes='named')}") from error
 
 
-def _no_response_error(path: Path, functions: list[Dataset58]) -> FileError:
+def _no_response_error(path: Path, functions: list[Dataset58], blocks: list[UffDataset]) -> FileError:
     """The error to raise for a file without FRFs and time responses, which names what the file holds.
 
     It is a `StoredSpectraError` if there are only spectra or only correlation functions, beside coherences. `functions`
-    are all datasets 58 of the file.
+    are all datasets 58 of the file, `blocks` all its datasets.
     """
     kinds = sorted({function.kind for function in functions})
     names = ", ".join(map(_name, kinds))
@@ -137,9 +139,12 @@ def _no_response_error(path: Path, functions: list[Dataset58]) -> FileError:
             " for a fit, export the time histories",
             "spectrum" if is_spectra else "correlation",
         )
+    numbers = sorted({block.number for block in blocks})
+    others = f"datasets {', '.join(map(str, numbers))}"
+    has_modes = not names and bool({*numbers} & {*_MODES})
     return FileError(
-        f"{path}: holds no frequency response function (type 4) or time response (type 1), only "
-        f"{names or 'other datasets'}; export those"
+        f"{path}: holds no frequency response function (type 4) or time response (type 1), only {names or others};"
+        f" {'give modes as such, by [record.modes] of a study' if has_modes else 'export those'}"
     )
 
 
