@@ -9,6 +9,7 @@ import pyuff
 
 from structid.core.errors import FileError, InputError
 from structid.modal import ModalRecord
+from structid.modal.formats.csv import is_modes_table
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import unit_largest
@@ -397,3 +398,38 @@ def test_a_sensor_along_no_global_axis_is_refused_or_taken_as_it_is_named(tmp_pa
     np.testing.assert_allclose(two.mode_shapes[:, 0] / two.mode_shapes[1, 0], expected / expected[1], rtol=1e-6)
     with pytest.raises(InputError, match="`shape_axes` is about universal files"):
         read_modes(tmp_path / "a.f06", ModeFileOptions(shape_axes="named"))
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "frequency_hz,zeta,1X,2X\n10,0.01,1,0.5\n20,0.02,1,-0.8\n",
+        "Eigenfrequenz [Hz];Dämpfung [%];1X;2X\n10,0;1,0;1;0,5\n20;2;1;-0,8\n",
+        "Fréquence [Hz],Amortissement [%],1X,2X\n10,1,1,0.5\n20,2,1,-0.8\n",
+        "channel,Mode 1,Mode 2\nfrequency_hz,10,20\ndamping ratio,.01,.02\n1X,1,1\n2X,.5,-.8\n",
+    ],
+)
+def test_tables_of_modes_in_other_words(tmp_path, table):
+    path = tmp_path / "a.csv"
+    path.write_text(table, encoding="utf-8")
+    assert is_modes_table(path)
+    modes = read_modes(path)
+    np.testing.assert_allclose(modes.frequency, [10, 20])
+    np.testing.assert_allclose(modes.damping_ratio, [0.01, 0.02])
+    np.testing.assert_allclose(modes.mode_shapes, [[1, 1], [0.5, -0.8]])
+    assert ("damping taken as a ratio, not in %" in modes.source) == ("zeta" in table)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("frequency_hz,Q,1X\n10,50,1\n", r"column 'Q' is damping of another form; write `damping_ratio`.*1 / \(2 Q\)"),
+        ("frequency_hz,loss factor,1X\n10,.02,1\n", "half the loss factor"),
+        ("frequency_hz,1X\n10,1+0.1i\n", "got '1\\+0.1i'; write two columns, `1X real` and `1X imaginary`"),
+    ],
+)
+def test_damping_and_shapes_of_other_forms_are_refused_with_a_remedy(tmp_path, table, words):
+    path = tmp_path / "a.csv"
+    path.write_text(table)
+    with pytest.raises(FileError, match=words):
+        read_modes(path)

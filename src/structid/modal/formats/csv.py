@@ -17,7 +17,7 @@ from structid.core.units import parse_frequency_unit
 from structid.files import read_start
 from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
 from structid.modal.poles.poles import modal_phase_collinearity
-from structid.records.formats.csv.recognition import is_number
+from structid.records.formats.csv.recognition import complex_parts, is_number
 
 _NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
 #: Bytes that tell what a table holds.
@@ -25,11 +25,16 @@ _HEAD = 16384
 #: Columns, or lines where one mode is a column, among which frequencies and channels are looked for.
 _MOST_COLUMNS = 500
 _PARTS = ("real", "imaginary", "std")
-_COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr")
+_COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr", "channel", "dof", "sensor")
+_FREQUENCY = ("frequency", "frequenz", "fréquence", "freq")
+_DAMPING = ("damping ratio", "damping", "dämpfungsgrad", "dämpfung", "amortissement", "zeta", "xi", "ζ", "ξ")
+#: Words for damping ratios that are in use for percentages too.
+_RATIO_OR_PERCENT = ("damping", "dämpfung", "amortissement", "zeta", "xi", "ζ", "ξ")
+_OTHER_DAMPING = re.compile(r"(q|quality factor|loss factor|eta|η|log(arithmic)? ?dec(rement)?)\b.*", re.IGNORECASE)
 _STD = r"(std|std dev|standard deviation|deviation)"
 #: Headers of frequencies and damping ratios in tables of other programs, blanks for points and underscores.
 _OTHER_WORDS = re.compile(
-    rf"(?P<before>{_STD}( of)? )?(natural |undamped |eigen)?(?P<quantity>frequency|freq|damping ratio|damping)(?P<after> {_STD})?"
+    rf"(?P<before>{_STD}( of)? )?(natural |undamped |eigen)?(?P<quantity>{'|'.join((*_FREQUENCY, *_DAMPING))})(?P<after> {_STD})?"
     r"(?: ?(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|(?P<bare>hz|khz|rad/s|rpm|%)))?"
 )
 #: Units of damping: of ratios, and of critical damping in parts of a hundred.
@@ -168,10 +173,12 @@ def _canonical_column(cell: str) -> _Word:
         return _Word("mode" if text in _COUNTERS else "" if text.startswith("complexity") else cell.strip())
     quantity, std = match["quantity"], bool(match["before"] or match["after"])
     unit = next((match[name].strip() for name in ("square", "round", "bare") if match[name] is not None), None)
-    if quantity.startswith("damp"):
+    if quantity in _DAMPING:
         if unit is not None and unit not in _DAMPING_UNITS:
             raise InputError(f"column {cell.strip()!r} is in a unit that is not known; write [%] or [-]")
-        assumed = "damping taken as a ratio, not in %" if unit is None and quantity == "damping" and not std else ""
+        assumed = (
+            "damping taken as a ratio, not in %" if unit is None and quantity in _RATIO_OR_PERCENT and not std else ""
+        )
         return _Word("damping_std" if std else "damping_ratio", _DAMPING_UNITS[unit or "-"], assumed)
     name = "frequency_std_hz" if std else "frequency_hz"
     if unit is None:
@@ -200,7 +207,7 @@ def is_modes_table(path: Path) -> bool:
 
 def _names_modes(head: list[str]) -> bool:
     """True if the first lines `head` of a table are those of modes; `InputError` for an unknown unit in their names."""
-    if not any("freq" in line.lower() for line in head):
+    if not any("freq" in line.lower() or "fréq" in line.lower() for line in head):
         return False
     separator = max((",", ";", "\t"), key=head[0].count)
     rows = [line.split(separator, _MOST_COLUMNS)[:_MOST_COLUMNS] for line in head[:_MOST_COLUMNS]]
@@ -284,9 +291,8 @@ def _column(table: _Table, name: str) -> FloatArray:
             try:
                 values[k] = float(text) * factor if text else np.nan
             except ValueError:
-                raise FileError(
-                    f"{table.path}: {table.locate(k, name)} must be a number, got {text!r}{remedy}"
-                ) from None
+                two = f"; write two columns, `{name} real` and `{name} imaginary`" if complex_parts(text) else remedy
+                raise FileError(f"{table.path}: {table.locate(k, name)} must be a number, got {text!r}{two}") from None
             if np.isinf(values[k]):
                 raise FileError(f"{table.path}: {table.locate(k, name)} must be finite, got {text}{remedy}")
             if name.endswith(("std", "_hz")) and values[k] < 0:
@@ -320,6 +326,11 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
         try:
             dof = parse_dof(first)
         except InputError as error:
+            if _OTHER_DAMPING.fullmatch(name):
+                raise FileError(
+                    f"{path}: column {name!r} is damping of another form; write `damping_ratio`, which is half the loss factor,"
+                    " 1 / (2 Q), or for small damping the logarithmic decrement over 2 pi"
+                ) from error
             raise FileError(f"{path}: column {name!r} is no channel ({error})") from error
         if part and part not in _PARTS:
             raise FileError(f"{path}: column {name!r} must end in {', '.join(_PARTS)}, or name the channel only")
