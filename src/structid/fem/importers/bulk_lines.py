@@ -291,7 +291,9 @@ def _require_marks_behind(lines: BulkLines, filled: IntArray, marked: NDArray[np
     if not alone.any():
         return
     ends = filled[lines.width[filled] != _WIDE]
-    open_marks = set().union(*(lines.words(ends[part], 73, 7).tolist() for part in chunks(len(ends))))
+    open_marks: set[bytes] = set()
+    for part in chunks(len(ends)):
+        open_marks.update(lines.words(ends[part], 73, 7).tolist())
     for row, mark in zip(rows[alone].tolist(), marks[alone].tolist(), strict=True):
         if mark in open_marks:
             raise FileError(
