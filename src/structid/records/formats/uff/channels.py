@@ -120,7 +120,7 @@ def channel_scale(
         return quantity, unit.factor
     factor = _file_factor(factors, quantity, dof)
     if unit is not None and not math.isclose(unit.factor, factor, rel_tol=1e-4):
-        words = option_words(**{option: f'"{by_labels}"' if by_labels else None})
+        words = option_words(**{option: by_labels or None})
         raise FileError(
             f"{path}: the data of {dof} have unit {side.label!r} (factor {unit.factor:g} to SI), but dataset 164 "
             f"says {factor:g}; tell which is right: give {words}"
