@@ -107,7 +107,10 @@ def _split_fields(line: str, is_free: bool, width: int) -> list[tuple[int, str]]
     columns 9 to 72.
     """
     if not is_free:
-        return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
+        return [
+            (start, line[start : start + width])
+            for start in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)
+        ]
     words = line.split(",")
     ends = accumulate(len(word) + 1 for word in words)
     return list(zip(ends, words[1:], strict=False))

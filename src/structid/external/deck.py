@@ -123,12 +123,12 @@ class Deck:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(one.name for one in self.parameters)
+        return tuple(parameter.name for parameter in self.parameters)
 
     @property
     def nominal(self) -> dict[str, float]:
         """Nominal value of each parameter, as the deck shows it."""
-        return self.shown({one.name: one.value for one in self.parameters})
+        return self.shown({parameter.name: parameter.value for parameter in self.parameters})
 
     def shown(self, values: Mapping[str, float]) -> dict[str, float]:
         """`values` by parameter name, rounded as the solver sees them.

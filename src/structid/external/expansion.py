@@ -126,19 +126,20 @@ def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
     InputError
         If a parameter changes nothing, or no polynomial is verified.
     """
-    axes = [axis(one, deck.nominal[one.name], RANGE) for one in deck.parameters]
-    table = _Table(evaluate, deck, {one.name: one for one in axes})
-    table.evaluate_at([{}, *({one.name: part} for one in axes for part in _PARTS[:2])])
-    orders = {one.name: _lowest_order(table, one) for one in axes}
+    axes = [axis(parameter, deck.nominal[parameter.name], RANGE) for parameter in deck.parameters]
+    table = _Table(evaluate, deck, {parameter_axis.name: parameter_axis for parameter_axis in axes})
+    table.evaluate_at([{}, *({parameter_axis.name: part} for parameter_axis in axes for part in _PARTS[:2])])
+    orders = {parameter_axis.name: _lowest_order(table, parameter_axis) for parameter_axis in axes}
     polynomial: dict[Powers, FloatArray] = {(): table.row({})}
-    for one in axes:
-        line = _fit_powers(table, one, orders[one.name])
-        _require_effect(table, one, line)
-        polynomial |= _along(one, line)
+    for parameter_axis in axes:
+        line = _fit_powers(table, parameter_axis, orders[parameter_axis.name])
+        _require_effect(table, parameter_axis, line)
+        polynomial |= _along(parameter_axis, line)
     crossed: tuple[tuple[str, str], ...] = ()
     if len(axes) > 1:
         joint_points = [
-            {one.name: _JOINT[(k + first) % len(_JOINT)] for k, one in enumerate(axes)} for first in range(2)
+            {parameter_axis.name: _JOINT[(k + first) % len(_JOINT)] for k, parameter_axis in enumerate(axes)}
+            for first in range(2)
         ]
         table.evaluate_at(joint_points[:1])
         if not table.agrees(polynomial, joint_points[0]):
@@ -148,14 +149,14 @@ def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
                 polynomial |= products_of_pair
                 crossed += ((a.name, b.name),) if products_of_pair else ()
             table.evaluate_at(joint_points[1:])
-            if not all(table.agrees(polynomial, one) for one in joint_points):
+            if not all(table.agrees(polynomial, point) for point in joint_points):
                 raise InputError(
                     f"what the solver gives is no polynomial in {', '.join(deck.names)} together: it is missed by"
                     f" {table.relative_errors(polynomial, joint_points[0])[0]:.2g} of its size where all of them"
                     " change; take fewer parameters, smaller"
                     ' `step`, or `gives = "modes"`'
                 )
-    error = max(table.relative_errors(polynomial, one)[0] for one in table.points)
+    error = max(table.relative_errors(polynomial, point)[0] for point in table.points)
     references = {a.name: a.reference for a in axes}
     return Expansion(_in_powers_of_values(polynomial, table), references, orders, crossed, error, len(table.points))
 
@@ -180,21 +181,23 @@ class _Table:
         Points give each changed parameter as a part of its range, by name. Known points are evaluated again, since numbers may
         be added to them.
         """
-        new = [one for one in points if one not in self.points]
+        new = [point for point in points if point not in self.points]
         if new:
             self.points += new
-            self.rows, self.size = self.evaluate([self.values(one) for one in self.points])
+            self.rows, self.size = self.evaluate([self.values(point) for point in self.points])
 
     def values(self, point: Mapping[str, float]) -> Point:
         """Values of all parameters at a point, as the deck shows them."""
-        return self.deck.shown({name: one.value(point.get(name, 0.0)) for name, one in self.axes.items()})
+        return self.deck.shown(
+            {name: parameter_axis.value(point.get(name, 0.0)) for name, parameter_axis in self.axes.items()}
+        )
 
     def u(self, point: Mapping[str, float], name: str) -> float:
         return self.axes[name].u(self.values(point)[name])
 
     def row(self, point: dict[str, float]) -> FloatArray:
-        own: FloatArray = self.rows[self.points.index(point)]
-        return own
+        numbers: FloatArray = self.rows[self.points.index(point)]
+        return numbers
 
     def relative_errors(self, polynomial: Mapping[Powers, FloatArray], point: dict[str, float]) -> tuple[float, float]:
         """Largest error of a polynomial at `point`, and largest change of a result from the nominal point to `point`.
@@ -303,7 +306,7 @@ def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table)
     rounding level are set to 0, and powers that have no other are left out.
     """
     total: dict[Powers, FloatArray] = {}
-    centre = {name: one.origin for name, one in table.axes.items()}
+    centre = {name: parameter_axis.origin for name, parameter_axis in table.axes.items()}
     for powers, row in polynomial.items():
         for key, factor in expand_about_centre(powers, centre, dict.fromkeys(centre, 1.0)):
             total.setdefault(key, np.zeros(table.rows.shape[1]))[: len(row)] += factor * row

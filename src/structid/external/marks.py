@@ -250,4 +250,4 @@ def _parse_number(where: str, text: str) -> float:
 
 
 def _lines_of(cards: Sequence[Card] | Sequence[Keyword]) -> str:
-    return ", ".join(f"{one.file} line {one.line}" for one in cards[:_MOST_NAMED])
+    return ", ".join(f"{card.file} line {card.line}" for card in cards[:_MOST_NAMED])

@@ -99,7 +99,7 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
 
     Degrees of freedom of the matrices are those on which the span of Phi and U is best determined, by a pivoted QR.
     """
-    runs = [run for one in differences for run in one.runs]
+    runs = [run for difference in differences for run in difference.runs]
     moved = np.abs(centre.values).max(axis=1) > 0
     for run in runs:
         moved |= np.abs(run.values[:, : centre.values.shape[1]]).max(axis=1) > 0
@@ -129,11 +129,13 @@ def tangent(name: str, centre: RunModes, differences: Sequence[Pair[RunModes]]) 
     mass: dict[Powers, FloatArray] = {(): to_masters.T @ zero[0] @ to_masters}
     stiffness: dict[Powers, FloatArray] = {(): to_masters.T @ zero[1] @ to_masters}
     remaining_pairs = iter(pairs)
-    for one in differences:
-        pairs_of_parameter = [next(remaining_pairs) for _ in one.changes]
+    for difference in differences:
+        pairs_of_parameter = [next(remaining_pairs) for _ in difference.changes]
         for k, table in enumerate((mass, stiffness)):
-            for power, row in enumerate(_parabola(one.changes, [pair[k] - zero[k] for pair in pairs_of_parameter]), 1):
-                table[(one.name, power),] = to_masters.T @ row @ to_masters
+            for power, row in enumerate(
+                _parabola(difference.changes, [pair[k] - zero[k] for pair in pairs_of_parameter]), 1
+            ):
+                table[(difference.name, power),] = to_masters.T @ row @ to_masters
     masters = tuple(dofs[i] for i in chosen)
     tie = ShapeTie(name, tuple(dofs[i] for i in others), masters, basis[others] @ to_masters)
     constrained = tuple(Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[~moved].tolist())

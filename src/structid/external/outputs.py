@@ -135,7 +135,7 @@ def existing_file(folder: Path, name: str) -> Path:
     """
     path = folder / name
     if not path.is_file():
-        names = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)
+        names = sorted(entry.name for entry in folder.iterdir() if entry.is_file() and entry.stat().st_size)
         raise InputError(f"it wrote no {name}, only {', '.join(names[:12])}")
     return path
 

@@ -153,8 +153,8 @@ def runs(
     FileError
         If the folder cannot be written.
     """
-    keys = [solver.key(one) for one in points]
-    missing = {key: one for key, one in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
+    keys = [solver.key(point) for point in points]
+    missing = {key: point for key, point in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
     failed: dict[str, RunFailedError] = {}
     if missing:
         _require_program(solver)
@@ -167,7 +167,7 @@ def runs(
             raise FileError(
                 f"{solver.folder}: cannot hold the runs of the solver ({error.strerror}); give `runs`"
             ) from error
-        messages = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
+        messages = work.map("solver runs", run_once, solver, [dict(point) for point in missing.values()])
         failed = {key: RunFailedError(words) for key, words in zip(missing, messages, strict=True) if words}
     folders: list[Path | RunFailedError] = [failed.get(key) or solver.folder / key for key in keys]
     return folders, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))

@@ -87,7 +87,7 @@ class Differences(Generic[R]):
     @property
     def words(self) -> str:
         """Words on the centre and on the largest step of each parameter."""
-        steps = ", ".join(f"{one.name} {max(map(abs, one.changes)):.2g}" for one in self.pairs)
+        steps = ", ".join(f"{difference.name} {max(map(abs, difference.changes)):.2g}" for difference in self.pairs)
         return f"differences about {point_words(self.at)} with steps {steps}"
 
 
@@ -121,10 +121,10 @@ def take_differences(
     InputError
         If a run fails at the centre or at the smallest step, a parameter has no effect, or no step can be used.
     """
-    centre = solver.deck.shown({one.name: one.centre for one in solver.deck.parameters})
+    centre = solver.deck.shown({parameter.name: parameter.centre for parameter in solver.deck.parameters})
     folders, counts = needed_runs(solver, [centre], work)
-    at = read(folders[0])
-    pending = {one.name: _Step(one, centre[one.name], rules) for one in solver.deck.parameters}
+    read_at_centre = read(folders[0])
+    pending = {parameter.name: _Step(parameter, centre[parameter.name], rules) for parameter in solver.deck.parameters}
     done: dict[str, Pair[R]] = {}
     for _ in range(_TRIALS):
         points = [
@@ -133,16 +133,18 @@ def take_differences(
         results, more = runs(solver, [point for _, point in points], work)
         counts = counts + more
         for key, step in list(pending.items()):
-            own = [(p, g) for (k, p), g in zip(points, results, strict=True) if k == key]
-            errors = [g for _, g in own if isinstance(g, RunFailedError)]
+            trials = [(p, g) for (k, p), g in zip(points, results, strict=True) if k == key]
+            errors = [g for _, g in trials if isinstance(g, RunFailedError)]
             if errors and not step.can_shrink:
                 raise errors[0]
             if errors:
                 step.shrink()
                 continue
-            first, second = (read(folder) for _, folder in own if isinstance(folder, Path))
-            changes = [change(at, run, point) for (point, _), run in zip(own, (first, second), strict=True)]
-            low, high = (point[key] - centre[key] for point, _ in own)
+            first, second = (read(folder) for _, folder in trials if isinstance(folder, Path))
+            changes = [
+                change(read_at_centre, run, point) for (point, _), run in zip(trials, (first, second), strict=True)
+            ]
+            low, high = (point[key] - centre[key] for point, _ in trials)
             if step.settles(max(changes)):
                 done[key] = Pair(key, (low, high), (first, second))
                 del pending[key]
@@ -150,7 +152,7 @@ def take_differences(
             break
     else:
         raise InputError(f"no step of {', '.join(pending)} gives differences that can be used; give `step`")
-    return Differences(centre, at, tuple(done.values()), counts)
+    return Differences(centre, read_at_centre, tuple(done.values()), counts)
 
 
 class _Step:

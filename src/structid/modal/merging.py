@@ -155,15 +155,15 @@ def common_sensors(
     InputError
         If a set-up lacks one of `references`, or no sensor is in all set-ups.
     """
-    own = [{dof.unsigned for dof in part} for part in channels]
-    common = set.intersection(*own)
+    unsigned = [{dof.unsigned for dof in part} for part in channels]
+    common = set.intersection(*unsigned)
     if references is None:
         wanted = tuple(dof.unsigned for dof in channels[0] if dof.unsigned in common)
     else:
         wanted = tuple(dof.unsigned for dof in parse_dofs(references))
         for dof in wanted:
             if dof not in common:
-                lacking = next(name for name, part in zip(called, own, strict=True) if dof not in part)
+                lacking = next(name for name, part in zip(called, unsigned, strict=True) if dof not in part)
                 raise InputError(f"`references` must be in all set-ups; {dof} is not in {lacking}")
     if not wanted:
         sensors = "; ".join(f"{name} has {join_words(part)}" for name, part in zip(called, channels, strict=True))
@@ -253,8 +253,8 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
     half as much.
     """
     lost = []
-    for number, (setup, own) in enumerate(zip(setups, members, strict=True)):
-        for mode in np.setdiff1d(np.arange(setup.n_modes), own).tolist():
+    for number, (setup, merged) in enumerate(zip(setups, members, strict=True)):
+        for mode in np.setdiff1d(np.arange(setup.n_modes), merged).tolist():
             why = _why_lost(setups, number, mode, shared, guard)
             lost.append(f"set-up {number + 1}: {setup.frequency[mode]:.4g} Hz ({why})")
     if not lost:
@@ -379,8 +379,8 @@ def _weighted_mean(
     if not weighed.any():
         return mean, None
     covariance = np.zeros((len(mean), len(mean)))
-    for w, own in zip(weight, covariances, strict=True):
-        covariance += np.where(np.outer(w, w) > 0, np.outer(w, w) * own, 0.0)
+    for w, setup_covariance in zip(weight, covariances, strict=True):
+        covariance += np.where(np.outer(w, w) > 0, np.outer(w, w) * setup_covariance, 0.0)
     covariance += np.diag(
         (weight**2 * np.where(weighed, scatter, 0.0)).sum(axis=0) * _unsure_scatter(counts.sum(axis=0))
     )
@@ -427,11 +427,11 @@ def _lost_deviations(
     n = len(frequency)
     counts, known = _stated(variance), ~np.isnan(values)
     notes = []
-    for what, own in (("frequencies", slice(0, n)), ("damping ratios", slice(n, None))):
-        if not counts[:, own].any():
+    for what, part in (("frequencies", slice(0, n)), ("damping ratios", slice(n, None))):
+        if not counts[:, part].any():
             continue
-        for number, (stated, given) in enumerate(zip(counts[:, own], known[:, own], strict=True), 1):
-            modes, others = given & ~stated, counts[:, own].any(axis=0)
+        for number, (stated, is_known) in enumerate(zip(counts[:, part], known[:, part], strict=True), 1):
+            modes, others = is_known & ~stated, counts[:, part].any(axis=0)
             for lost, words in (
                 (modes & others, "these have no part in the means, which are of the others"),
                 (modes & ~others, "nor does another set-up, and the means have none"),
@@ -478,20 +478,20 @@ def _merge_shapes(
     index = [np.array([channels.index(dof.unsigned) for dof in setup.channels]) for setup in setups]
     shapes, stds = [], []
     bare = np.zeros(members.shape, dtype=bool)
-    for mode, own in enumerate(members.T):
-        parts, errors, places, numbers = [], [], [], np.flatnonzero(own >= 0).tolist()
-        for setup, m, place in ((setups[number], int(own[number]), index[number]) for number in numbers):
+    for mode, modes_of_setups in enumerate(members.T):
+        parts, errors, places, numbers = [], [], [], np.flatnonzero(modes_of_setups >= 0).tolist()
+        for setup, m, place in ((setups[number], int(modes_of_setups[number]), index[number]) for number in numbers):
             here = setup.known[:, m]
             parts.append(_rows(setup, [dof.unsigned for dof in setup.channels])[here, m])
             errors.append(_shape_error(setup, m)[here])
             places.append(place[here])
-        found = np.unique(np.concatenate(places))
-        there = [np.searchsorted(found, place) for place in places]
+        measured = np.unique(np.concatenate(places))
+        there = [np.searchsorted(measured, place) for place in places]
         is_stated = any(not np.isnan(error).all() for error in errors)
         weighed = _all_stated(parts, errors, places)
         shape, std = np.full(len(channels), complex(np.nan, np.nan)), np.full(len(channels), np.nan)
-        shape[found], own_std = merged_shape(parts, weighed, there, len(found))
-        std[found] = own_std if is_stated else np.nan
+        shape[measured], own_std = merged_shape(parts, weighed, there, len(measured))
+        std[measured] = own_std if is_stated else np.nan
         bare[numbers, mode] = [is_stated and bool(np.isnan(error).any()) for error in errors]
         shapes.append(shape)
         stds.append(std)
@@ -569,10 +569,10 @@ def merged_shape(
     shape: ComplexArray = np.zeros(n_channels, dtype=np.complex128)
     done: list[int] = []
     for s in _order(index):  # a first shape: each part scaled to those before it
-        own = np.isin(index[s], done)
-        if own.any():
-            factors[s] = _best_factor(parts[s][own], errors[s][own], shape[index[s][own]])
-        new = ~own
+        is_placed = np.isin(index[s], done)
+        if is_placed.any():
+            factors[s] = _best_factor(parts[s][is_placed], errors[s][is_placed], shape[index[s][is_placed]])
+        new = ~is_placed
         shape[index[s][new]] = parts[s][new] / factors[s]
         done += index[s][new].tolist()
     for _ in range(_SWEEPS):
@@ -615,9 +615,9 @@ def _best_shape(
     * shape[index[s]]. Entries of `parts`, `errors` and `index` are (n_own_channels,), `factors` is (n_setups,).
     """
     top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
-    for part, error, own, factor in zip(parts, errors, index, factors, strict=True):
-        np.add.at(top, own, factor.conj() * part / error**2)
-        np.add.at(bottom, own, np.abs(factor) ** 2 / error**2)
+    for part, error, entries, factor in zip(parts, errors, index, factors, strict=True):
+        np.add.at(top, entries, factor.conj() * part / error**2)
+        np.add.at(bottom, entries, np.abs(factor) ** 2 / error**2)
     return np.asarray(top / bottom)
 
 
@@ -638,10 +638,10 @@ def _deviation(
     """
     n, m = len(shape), len(factors)
     rows = []
-    for s, (error, own) in enumerate(zip(errors, index, strict=True)):
-        block = np.zeros((len(own), n + m), dtype=np.complex128)
-        block[np.arange(len(own)), own] = factors[s]
-        block[:, n + s] = shape[own]
+    for s, (error, entries) in enumerate(zip(errors, index, strict=True)):
+        block = np.zeros((len(entries), n + m), dtype=np.complex128)
+        block[np.arange(len(entries)), entries] = factors[s]
+        block[:, n + s] = shape[entries]
         rows.append(block / error[:, None])
     jacobian = np.delete(np.concatenate(rows), n, axis=1)
     covariance = np.linalg.inv(jacobian.conj().T @ jacobian)[:n, :n]

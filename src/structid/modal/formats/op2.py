@@ -132,16 +132,16 @@ def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
 
     `words` are byte order and word size. `FileError` if a record is cut short; its message begins with `path`.
     """
-    at, length_type = 0, f"{words.order}i4"
-    while at < len(content):
-        head = content[at : at + 4]
+    offset, length_type = 0, f"{words.order}i4"
+    while offset < len(content):
+        head = content[offset : offset + 4]
         length = int(np.frombuffer(head, dtype=length_type)[0]) if len(head) == 4 else -1
-        if length < 0 or length % words.size or content[at + 4 + length : at + 8 + length] != head:
+        if length < 0 or length % words.size or content[offset + 4 + length : offset + 8 + length] != head:
             raise FileError(
-                f"{path}: a record at byte {at} is cut short or damaged; copy the file again, or {RUN_AGAIN}"
+                f"{path}: a record at byte {offset} is cut short or damaged; copy the file again, or {RUN_AGAIN}"
             )
-        yield content[at + 4 : at + 4 + length]
-        at += 8 + length
+        yield content[offset + 4 : offset + 4 + length]
+        offset += 8 + length
 
 
 def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:

@@ -114,7 +114,7 @@ def _integers(values: list[int]) -> str:
 
 
 def _reals(values: list[float]) -> list[str]:
-    return ["".join(f"{x:13.5E}" for x in values[at : at + 6]) for at in range(0, len(values), 6)]
+    return ["".join(f"{x:13.5E}" for x in values[start : start + 6]) for start in range(0, len(values), 6)]
 
 
 @dataclass(frozen=True)
@@ -404,7 +404,7 @@ def _read_2414(where: str, lines: list[str]) -> _Mode | str:
         return words
     if location != 1:
         return "results that are not at nodes"
-    first, second = (_reals_of(where, lines, at, 1, f"record {at + 1}") for at in (11, 12))
+    first, second = (_reals_of(where, lines, line_index, 1, f"record {line_index + 1}") for line_index in (11, 12))
     if len(first) < 6 or len(second) < 6:
         raise FileError(f"{where} must have six numbers in each of the records 12 and 13; export it again")
     stated = _normal(where, first[1], *first[3:6]) if kind.analysis == _NORMAL else _complex(second)
@@ -474,14 +474,14 @@ def _read_nodes(
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)
     nodes: dict[int, NDArray[np.complex128]] = {}
-    for at in range(begin, len(lines), step):
-        words = lines[at].split()
+    for line_index in range(begin, len(lines), step):
+        words = lines[line_index].split()
         if len(words) != 1 or not words[0].isdigit():
             raise FileError(
-                f"{where} must have a node number in line {at + 1}, got {lines[at].strip()[:60]!r}; export it again"
+                f"{where} must have a node number in line {line_index + 1}, got {lines[line_index].strip()[:60]!r}; export it again"
             )
         node = int(words[0])
-        numbers = _reals_of(where, lines, at + 1, step - 1, f"node {node}")
+        numbers = _reals_of(where, lines, line_index + 1, step - 1, f"node {node}")
         if len(numbers) != n_numbers:
             raise FileError(f"{where} has {len(numbers)} of {n_numbers} numbers at node {node}; export it again")
         if node in nodes:
@@ -497,24 +497,24 @@ def _read_nodes(
     return nodes
 
 
-def _lines_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[str]:
-    if at + count > len(lines):
+def _lines_of(where: str, lines: list[str], begin: int, count: int, field: str) -> list[str]:
+    if begin + count > len(lines):
         raise FileError(f"{where} ends before {field}; the file is truncated, export it again")
-    return lines[at : at + count]
+    return lines[begin : begin + count]
 
 
-def _integers_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[int]:
-    """The first `count` whole numbers of the record in line `at` (index) of a dataset's `lines`, in columns of ten.
+def _integers_of(where: str, lines: list[str], begin: int, count: int, field: str) -> list[int]:
+    """The first `count` whole numbers of the record in line `begin` (index) of a dataset's `lines`, in columns of ten.
 
     `where` names the dataset and `field` the record in the `FileError` for damage.
     """
-    (line,) = _lines_of(where, lines, at, 1, field)
+    (line,) = _lines_of(where, lines, begin, 1, field)
     n_words = max(len(line.split()), count)
     return _numbers_of(where, line, field, lambda: integers(line, (10,) * n_words)[:count])
 
 
-def _reals_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[float]:
-    text = "\n".join(_lines_of(where, lines, at, count, field))
+def _reals_of(where: str, lines: list[str], begin: int, count: int, field: str) -> list[float]:
+    text = "\n".join(_lines_of(where, lines, begin, count, field))
     return _numbers_of(where, text, field, lambda: read_reals(text.encode("ascii", errors="replace")).tolist())
 
 

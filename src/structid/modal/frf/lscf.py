@@ -167,8 +167,8 @@ def _energy_fractions(s: ComplexArray, shapes: ComplexArray, participation: Comp
     return np.asarray(size / max(float(np.linalg.norm(size)), np.finfo(np.float64).tiny))
 
 
-def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> list[int]:
-    """Orders n of the polynomials to try, increasing: `given` / n_inputs rounded up, or 2 to at most 60 by default.
+def polynomial_orders(shape: tuple[int, ...], wanted: Sequence[int] | None) -> list[int]:
+    """Orders n of the polynomials to try, increasing: `wanted` / n_inputs rounded up, or 2 to at most 60 by default.
 
     The default takes every order, or every second one if the greatest is above 20. FRFs of L lines, p outputs and m
     inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share, and n m for each output. Four
@@ -179,7 +179,7 @@ def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> li
     ----------
     shape : (n_lines, n_outputs, n_inputs)
         Of the FRFs.
-    given : sequence of int, optional
+    wanted : sequence of int, optional
         Numbers of states, n_inputs times n.
 
     Raises
@@ -190,15 +190,15 @@ def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> li
     n_lines, n_outputs, n_inputs = shape
     share = max(n_outputs / (n_outputs + n_inputs), 0.5)
     room = max(n_lines // _LINES_A_COEFFICIENT, min(int(2 * n_lines * share / _VALUES_AN_UNKNOWN), _MAX_POLYNOMIAL))
-    if given is None:
+    if wanted is None:
         top = min(_MAX_POLYNOMIAL, max(_MAX_ORDER // n_inputs, 4), room)
         return list(range(2, top + 1, 2 if top > 20 else 1))
-    orders = sorted({-(-int(n) // n_inputs) for n in given})
+    orders = sorted({-(-int(n) // n_inputs) for n in wanted})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
             f"`orders` must lie from 1 to {room * n_inputs} for {n_lines} lines, {n_outputs} outputs and {n_inputs} inputs,"
             " got "
-            f"{list(given)}; widen the band, or lower the orders"
+            f"{list(wanted)}; widen the band, or lower the orders"
         )
     return orders
 
@@ -228,9 +228,9 @@ def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> It
     full = (powers.T @ products).real.reshape(-1, m, m)[diagonal].transpose(0, 2, 1, 3).reshape((n + 1) * m, -1)
     eliminated = []
     for o in range(h.shape[1]):
-        own = (powers.T @ weight[:, o]).real[diagonal]
+        gram = (powers.T @ weight[:, o]).real[diagonal]
         mixed = (powers.T @ (weight[:, o, None] * h[:, o])).real[diagonal].reshape(n + 1, -1)
-        eliminated.append(linalg.solve_triangular(linalg.cholesky(own, lower=True), mixed, lower=True))
+        eliminated.append(linalg.solve_triangular(linalg.cholesky(gram, lower=True), mixed, lower=True))
     rows = np.array(eliminated)
     taken, done = np.zeros_like(full), 0
     for degree in degrees:
@@ -238,8 +238,8 @@ def denominators(band: FrfBand, angle: FloatArray, degrees: Sequence[int]) -> It
         taken, done = taken + new.T @ new, degree + 1
         size = (degree + 1) * m
         reduced = full[:size, :size] - taken[:size, :size]
-        found = np.linalg.lstsq(reduced[m:, m:], -reduced[m:, :m], rcond=None)[0]
-        yield found.reshape(degree, m, m)
+        coefficients = np.linalg.lstsq(reduced[m:, m:], -reduced[m:, :m], rcond=None)[0]
+        yield coefficients.reshape(degree, m, m)
 
 
 def right_poles(denominator: FloatArray) -> tuple[ComplexArray, ComplexArray]:

@@ -79,12 +79,12 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
     outcomes = [_of_band(record, low, high, options) for low, high in _bands(record, options)]
     modes = _modal_record(record, outcomes)
     sweep = tuple(poles for outcome in outcomes for poles in outcome.sweep)
-    found, before = [], 0
+    clusters, before = [], 0
     for outcome in outcomes:
-        found += [replace(cluster, number=cluster.number + before) for cluster in outcome.clusters]
+        clusters += [replace(cluster, number=cluster.number + before) for cluster in outcome.clusters]
         before += len(outcome.sweep)
     left_out = by_rising_frequency(part for outcome in outcomes for part in outcome.left_out)
-    return ModalIdentification(modes, "lscf", sweep, tuple(found), options, left_out)
+    return ModalIdentification(modes, "lscf", sweep, tuple(clusters), options, left_out)
 
 
 def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]]:
@@ -109,7 +109,7 @@ def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) 
     band = frf_band(record, low, high)
     poles = pole_sweep(band, options.orders, options.criteria)
     selection = picked_poles(poles.sweep, band.output_scale, options)
-    picked, found, notes = selection.places, selection.clusters, selection.notes
+    picked, clusters, notes = selection.places, selection.clusters, selection.notes
     if not picked:
         raise NoModesError(
             f"`record` shows no mode from {low:g} to {high:g} Hz that is stable over `orders` and meets `criteria`; "
@@ -117,10 +117,10 @@ def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) 
         )
     start = _start(poles, picked, band)
     modes, kept, converged, words = _refine_band(band, start, options)
-    found = tuple(found[i] for i in kept) if found else ()
+    clusters = tuple(clusters[i] for i in kept) if clusters else ()
     s, others = modes.at.poles, selection.others if options.frequencies is None else ()
     left_out = left_out_clusters(others, np.abs(s) / (2 * np.pi), -s.real / np.abs(s))
-    return _BandModes(modes, converged, poles.sweep, found, (*notes, *words), tuple(left_out))
+    return _BandModes(modes, converged, poles.sweep, clusters, (*notes, *words), tuple(left_out))
 
 
 def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -> PolesAndParticipation:
@@ -141,34 +141,36 @@ def _refine_band(
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))
     while True:
-        at, data, converged = _fit_with_residual_modes(band, start)
-        excess = _excess(data, at) if band.variance is not None else 1.0
-        lost = _is_lost(at, band, options) & ~at.fixed
+        parameters, data, converged = _fit_with_residual_modes(band, start)
+        excess = _excess(data, parameters) if band.variance is not None else 1.0
+        lost = _is_lost(parameters, band, options) & ~parameters.fixed
         if lost.any():
             start = replace(start, fixed=start.fixed | lost)
             continue
-        widening = correlation_excess(residuals(data, at))
+        widening = correlation_excess(residuals(data, parameters))
         from_residual = band.variance is None or excess > 1
-        modes = frf_modes(data, at, from_residual, widening)
-        weak = _weakest(modes) if options.frequencies is None else np.zeros(len(at.poles), dtype=bool)
+        modes = frf_modes(data, parameters, from_residual, widening)
+        weak = _weakest(modes) if options.frequencies is None else np.zeros(len(parameters.poles), dtype=bool)
         if not weak.any():
             break
-        if len(weak) == 1 and at.fixed.all():
+        if len(weak) == 1 and parameters.fixed.all():
             raise NoModesError(
                 f"the only mode that `record` shows from {band.edges[0]:g} to {band.edges[1]:g} Hz, at"
-                f" {abs(at.poles[0]) / (2 * np.pi):.4g} Hz, leaves this band when it is refined; put the ends of the band between"
-                " resonances, away from them"
+                f" {abs(parameters.poles[0]) / (2 * np.pi):.4g} Hz, leaves this band when it is refined; put the ends of the"
+                " band between resonances, away from them"
             )
         if len(weak) == 1:
             raise NoModesError(
                 f"`record` shows noise only from {band.edges[0]:g} to {band.edges[1]:g} Hz; {_NO_MODE_REMEDY}"
             )
-        notes.append(f"a pole at {abs(at.poles[weak][0]) / (2 * np.pi):.4g} Hz was left out: it explains noise only")
+        notes.append(
+            f"a pole at {abs(parameters.poles[weak][0]) / (2 * np.pi):.4g} Hz was left out: it explains noise only"
+        )
         start, kept = start.select(np.flatnonzero(~weak)), kept[~weak]
-    order = np.argsort(np.abs(at.poles), kind="stable")
-    at, kept = at.select(order), kept[order]
-    if at.fixed.any():
-        listed = ", ".join(f"{f:.4g}" for f in np.abs(at.poles[at.fixed]) / (2 * np.pi))
+    order = np.argsort(np.abs(parameters.poles), kind="stable")
+    parameters, kept = parameters.select(order), kept[order]
+    if parameters.fixed.any():
+        listed = ", ".join(f"{f:.4g}" for f in np.abs(parameters.poles[parameters.fixed]) / (2 * np.pi))
         notes.append(
             f"refinement carries the pole at {listed} Hz out of the band or `criteria`: it stays as found from the "
             "sweep, without standard deviation; narrow the band around it by `bands`"
@@ -188,7 +190,7 @@ def _refine_band(
             f"nonlinearity): standard deviations are widened, up to {np.sqrt(widening.max()):.2g} times; put the ends of the "
             "band between resonances, away from both"
         )
-    return frf_modes(data, at, from_residual, widening), kept, converged, notes
+    return frf_modes(data, parameters, from_residual, widening), kept, converged, notes
 
 
 def _fit_with_residual_modes(
@@ -199,36 +201,38 @@ def _fit_with_residual_modes(
     Powers of s that stand for modes outside the band are added, up to six steps on either side, as long as they lower the
     misfit enough.
     """
-    data, at = _data(band, band.variance), start
+    data, parameters = _data(band, band.variance), start
     for gain in (1e-3, 1e-5):
-        data = _reweight(band, data, at)
-        at, _ = refined(data, at, gain)
+        data = _reweight(band, data, parameters)
+        parameters, _ = refined(data, parameters, gain)
     below = above = 1
     while True:
-        data = _reweight(band, data, at)
-        found = _wider(data, at, [w for w in ((below + 1, above), (below, above + 1)) if max(w) <= _MOST_OUTSIDE])
-        if found is None:
+        data = _reweight(band, data, parameters)
+        widened = _wider(
+            data, parameters, [w for w in ((below + 1, above), (below, above + 1)) if max(w) <= _MOST_OUTSIDE]
+        )
+        if widened is None:
             break
-        (below, above), data, at = found
-    at, converged = refined(data, at)
-    return at, data, converged
+        (below, above), data, parameters = widened
+    parameters, converged = refined(data, parameters)
+    return parameters, data, converged
 
 
 def _wider(
-    data: FrfData, at: PolesAndParticipation, widths: Sequence[tuple[int, int]]
+    data: FrfData, parameters: PolesAndParticipation, widths: Sequence[tuple[int, int]]
 ) -> tuple[tuple[int, int], FrfData, PolesAndParticipation] | None:
     """More powers of s for modes outside the band: numbers (below, above), data and refitted poles; None if none pays.
 
     `widths` are candidate numbers (below, above) of powers on either side; the one with the least misfit at the present
-    poles `at` is tried first. No more than half of the real values may be taken up by unknowns, and each new unknown
+    poles `parameters` is tried first. No more than half of the real values may be taken up by unknowns, and each new unknown
     must lower the misfit by twice the mean square of the residual.
     """
-    cost, freedom = misfit(data, at), _freedom(data, at)
+    cost, freedom = misfit(data, parameters), _freedom(data, parameters)
     trials = [(width, replace(data, outside=_outside(*width))) for width in widths]
-    trials = [(width, wider) for width, wider in trials if _freedom(wider, at) >= data.values.size]
-    for width, wider in sorted(trials, key=lambda trial: misfit(trial[1], at)):
-        moved, _ = refined(wider, at, 1e-4)
-        if cost - misfit(wider, moved) > _PAYS * (freedom - _freedom(wider, at)) * cost / freedom:
+    trials = [(width, wider) for width, wider in trials if _freedom(wider, parameters) >= data.values.size]
+    for width, wider in sorted(trials, key=lambda trial: misfit(trial[1], parameters)):
+        moved, _ = refined(wider, parameters, 1e-4)
+        if cost - misfit(wider, moved) > _PAYS * (freedom - _freedom(wider, parameters)) * cost / freedom:
             return width, wider, moved
     return None
 
@@ -241,11 +245,11 @@ def _outside(below: int, above: int) -> tuple[int, ...]:
     return (*range(-2 * below, -1), *range(2 * above - 1))
 
 
-def _reweight(band: FrfBand, data: FrfData, at: PolesAndParticipation) -> FrfData:
+def _reweight(band: FrfBand, data: FrfData, parameters: PolesAndParticipation) -> FrfData:
     """`data` with new weights from the residual around each line; unchanged if the record has a variance."""
     if band.variance is not None:
         return data
-    return replace(data, weights=_data(band, _residual_variance(data, at, band)).weights)
+    return replace(data, weights=_data(band, _residual_variance(data, parameters, band)).weights)
 
 
 def _weakest(modes: FrfModes) -> np.ndarray:
@@ -273,15 +277,15 @@ def _data(band: FrfBand, variance: FloatArray | None) -> FrfData:
     return FrfData(band.laplace, band.values * scale, weights / scale, band.power)
 
 
-def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) -> FloatArray:
+def _residual_variance(data: FrfData, parameters: PolesAndParticipation, band: FrfBand) -> FloatArray:
     """Mean square residual of the lines around each line, itself left out, (n_lines, n_outputs, n_inputs).
 
     The FRFs are in the scale of `band`. The lines around are 15 on either side, or n_lines / 80 if that is more. The
     mean is not below rounding of the largest FRF. A weight that included the error of its own line would make that
-    error look small. `at` has the poles and participation.
+    error look small. `parameters` has the poles and participation.
     """
     scale = band.output_scale[:, None] * band.input_scale
-    power = np.abs(residuals(data, at) / data.weights / scale) ** 2
+    power = np.abs(residuals(data, parameters) / data.weights / scale) ** 2
     n = len(power)
     half = max(15, n // 80)
     total = np.concatenate([np.zeros((1, *power.shape[1:])), np.cumsum(power, axis=0)])
@@ -290,29 +294,29 @@ def _residual_variance(data: FrfData, at: PolesAndParticipation, band: FrfBand) 
     return np.maximum(mean, (np.finfo(float).eps * np.abs(band.values).max()) ** 2)
 
 
-def _is_lost(at: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
+def _is_lost(parameters: PolesAndParticipation, band: FrfBand, options: ModalOptions) -> np.ndarray:
     """Mask (n_modes,) of poles that the fit moved out of the band, the damping range or the upper half plane.
 
-    A damping ratio must be within `options.criteria`; its frequency range has no part. `at` has the poles after the
+    A damping ratio must be within `options.criteria`; its frequency range has no part. `parameters` has the poles after the
     fit.
     """
-    size = np.abs(at.poles)
+    size = np.abs(parameters.poles)
     frequency, (low, high) = size / (2 * np.pi), band.edges
-    inside = replace(options.criteria, frequency=(0.0, np.inf)).meets(frequency, -at.poles.real / size)
-    return np.asarray(~(inside & (frequency > low) & (frequency < high)) | (at.poles.imag <= 0))
+    inside = replace(options.criteria, frequency=(0.0, np.inf)).meets(frequency, -parameters.poles.real / size)
+    return np.asarray(~(inside & (frequency > low) & (frequency < high)) | (parameters.poles.imag <= 0))
 
 
-def _freedom(data: FrfData, at: PolesAndParticipation) -> int:
+def _freedom(data: FrfData, parameters: PolesAndParticipation) -> int:
     """Degrees of freedom of the fit: number of real values less unknowns, at least 1."""
     _, n_outputs, n_inputs = data.values.shape
-    own = 2 * len(at.poles) + len(data.outside) * n_inputs
-    return max(2 * data.values.size - len(at.free) - n_outputs * own, 1)
+    n_linear = 2 * len(parameters.poles) + len(data.outside) * n_inputs
+    return max(2 * data.values.size - len(parameters.free) - n_outputs * n_linear, 1)
 
 
-def _excess(data: FrfData, at: PolesAndParticipation) -> float:
+def _excess(data: FrfData, parameters: PolesAndParticipation) -> float:
     """Weighted sum of squares over its degrees of freedom if that exceeds 1 significantly (by 4 deviations), else 1."""
-    freedom = _freedom(data, at)
-    ratio = misfit(data, at) / freedom
+    freedom = _freedom(data, parameters)
+    ratio = misfit(data, parameters) / freedom
     return ratio if ratio > 1 + 4 * np.sqrt(2 / freedom) else 1.0
 
 

@@ -155,49 +155,51 @@ class OutputBlock:
 
 
 def output_blocks(
-    data: FrfData, at: PolesAndParticipation, free: IntArray | None = None, with_slopes: bool = True
+    data: FrfData, parameters: PolesAndParticipation, free: IntArray | None = None, with_slopes: bool = True
 ) -> Iterator[OutputBlock]:
-    """Least-squares fit of the shape entries of each output at the poles and participation `at`, output by output.
+    """Least-squares fit of the shape entries of each output at the poles and participation `parameters`, output by output.
 
     A block has the fitted coefficients (those of the columns of `terms`), the weighted residual (real parts, then
     imaginary ones), and its derivatives by the unknowns `free` of poles and participation (column numbers of `slopes`;
-    by default the free ones of `at`), without columns unless `with_slopes`.
+    by default the free ones of `parameters`), without columns unless `with_slopes`.
 
     Raises
     ------
     LinAlgError
         If poles coincide.
     """
-    columns = terms(data.laplace, at.poles, at.participation, data.power, data.outside)
-    n, unknowns = len(at.poles), at.free if free is None else free
+    columns = terms(data.laplace, parameters.poles, parameters.participation, data.power, data.outside)
+    n, unknowns = len(parameters.poles), parameters.free if free is None else free
     for o in range(data.values.shape[1]):
         weight = data.weights[:, o]
         matrix = weighted(columns, weight)
         right = weighted(data.values[:, o, :, None], weight)[:, 0]
         q, r = np.linalg.qr(matrix)
-        own = linalg.solve_triangular(r, q.T @ right)
-        residual = right - matrix @ own
+        solution = linalg.solve_triangular(r, q.T @ right)
+        residual = right - matrix @ solution
         if not with_slopes:
-            yield OutputBlock(own, residual, np.zeros((len(residual), 0)), q, r, np.zeros((len(own), 0)))
+            yield OutputBlock(solution, residual, np.zeros((len(residual), 0)), q, r, np.zeros((len(solution), 0)))
             continue
-        shape = own[:n] + 1j * own[n : 2 * n]
-        change = weighted(slopes(data.laplace, at.poles, at.participation, shape, data.power)[:, :, unknowns], weight)
+        shape = solution[:n] + 1j * solution[n : 2 * n]
+        change = weighted(
+            slopes(data.laplace, parameters.poles, parameters.participation, shape, data.power)[:, :, unknowns], weight
+        )
         shared = q.T @ change
-        yield OutputBlock(own, residual, change - q @ shared, q, r, shared)
+        yield OutputBlock(solution, residual, change - q @ shared, q, r, shared)
 
 
-def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
+def residuals(data: FrfData, parameters: PolesAndParticipation) -> ComplexArray:
     """Weighted data less model, (n_lines, n_outputs, n_inputs)."""
-    parts = [b.residual.reshape(2, *data.values.shape[::2]) for b in output_blocks(data, at, with_slopes=False)]
+    parts = [b.residual.reshape(2, *data.values.shape[::2]) for b in output_blocks(data, parameters, with_slopes=False)]
     return np.stack([real + 1j * imag for real, imag in parts], axis=1)
 
 
-def misfit(data: FrfData, at: PolesAndParticipation) -> float:
-    """Sum of squares of the weighted FRF residual at the poles and participation `at`, with all linear unknowns fitted.
+def misfit(data: FrfData, parameters: PolesAndParticipation) -> float:
+    """Sum of squares of the weighted FRF residual at the poles and participation `parameters`, with all linear unknowns fitted.
 
     These are each output's shape entries and terms for modes outside the band; infinite if they are linearly dependent.
     """
-    columns, total = terms(data.laplace, at.poles, at.participation, data.power, data.outside), 0.0
+    columns, total = terms(data.laplace, parameters.poles, parameters.participation, data.power, data.outside), 0.0
     for o in range(data.values.shape[1]):
         with_values = np.concatenate([columns, data.values[:, o, :, None]], axis=2)
         *diagonal, remainder = np.diag(np.linalg.qr(weighted(with_values, data.weights[:, o]), mode="r"))
@@ -229,8 +231,8 @@ def refined(
         return NormalEquations(matrix, gradient, cost)
 
     problem = EliminatedProblem(start.sizes, lambda changes: misfit(data, start.moved(changes)), normal)
-    found = minimize_eliminated(problem, replace(_SEARCH, gain_tolerance=gain))
-    if found is None:
+    minimum = minimize_eliminated(problem, replace(_SEARCH, gain_tolerance=gain))
+    if minimum is None:
         return start, False
-    changes, has_converged = found
+    changes, has_converged = minimum
     return start.moved(changes), has_converged

@@ -144,7 +144,7 @@ def residue_shapes(
     matrix = matrix / np.where(size > 0, size, 1.0)
     q, r = np.linalg.qr(matrix)
     regular = np.abs(np.diag(r)).min() > _RANK
-    found = np.linalg.solve(r, q.T @ right) if regular else np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
-    found = found / np.where(size > 0, size, 1.0)[:, None]
+    solution = np.linalg.solve(r, q.T @ right) if regular else np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+    solution = solution / np.where(size > 0, size, 1.0)[:, None]
     n = len(poles)
-    return np.asarray((found[:n] + 1j * found[n : 2 * n]).T)
+    return np.asarray((solution[:n] + 1j * solution[n : 2 * n]).T)

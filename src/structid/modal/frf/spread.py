@@ -61,28 +61,28 @@ class FrfModes:
         through = [self.through[o][rows] for o in outputs]
         cross = [self.cross[o][rows] for o in outputs]
         n = len(self.covariance)
-        found = np.zeros((n + 4, n + 4))
-        found[:n, :n] = self.covariance
+        covariance = np.zeros((n + 4, n + 4))
+        covariance[:n, :n] = self.covariance
         for i, a in enumerate(outputs):
             here = slice(n + 2 * i, n + 2 * i + 2)
-            found[here, :n] = cross[i] - through[i] @ self.covariance
-            found[:n, here] = found[here, :n].T
+            covariance[here, :n] = cross[i] - through[i] @ self.covariance
+            covariance[:n, here] = covariance[here, :n].T
             for j, b in enumerate(outputs):
                 there = slice(n + 2 * j, n + 2 * j + 2)
                 block = through[i] @ self.covariance @ through[j].T - cross[i] @ through[j].T - through[i] @ cross[j].T
-                found[here, there] = block + (self.own[a][np.ix_(rows, rows)] if a == b else 0.0)
-        return found
+                covariance[here, there] = block + (self.own[a][np.ix_(rows, rows)] if a == b else 0.0)
+        return covariance
 
 
 def frf_modes(
-    data: FrfData, at: PolesAndParticipation, from_residual: bool, widening: FloatArray | float = 1.0
+    data: FrfData, parameters: PolesAndParticipation, from_residual: bool, widening: FloatArray | float = 1.0
 ) -> FrfModes:
     """Shapes, residuals and covariances at the minimum of the weighted squared residual of the FRFs.
 
     Parameters
     ----------
     data : FrfData
-    at : PolesAndParticipation
+    parameters : PolesAndParticipation
         The minimum.
     from_residual : bool
         Squares of the residual stand for the variance, value by value, each over the square of the part that the model
@@ -96,11 +96,11 @@ def frf_modes(
         Shapes (n_outputs, n_modes), residuals (n_lines, n_outputs, n_inputs), and the covariances of poles, participation and
         shapes; these are NaN where the normal equations are singular.
     """
-    n = len(at.poles)
-    blocks = list(output_blocks(data, at))
+    n = len(parameters.poles)
+    blocks = list(output_blocks(data, parameters))
     normal = sum(block.slope.T @ block.slope for block in blocks)
     inverse = _inverse(np.asarray(normal))
-    middle, cross, own = np.zeros_like(inverse), [], []
+    middle, cross, shape_noise = np.zeros_like(inverse), [], []
     for block, times in zip(blocks, np.broadcast_to(widening, len(blocks)), strict=True):
         power = np.ones(len(block.residual))
         if from_residual:
@@ -111,11 +111,11 @@ def frf_modes(
         inner = inverse_of_shapes * power
         middle += (block.slope.T * power) @ block.slope
         cross.append(inner @ block.slope @ inverse)
-        own.append(inner @ inverse_of_shapes.T)
+        shape_noise.append(inner @ inverse_of_shapes.T)
     shapes = np.array([block.own[:n] + 1j * block.own[n : 2 * n] for block in blocks])
     return FrfModes(
-        at, shapes, residuals(data, at), inverse @ middle @ inverse,
-        np.array([block.through[: 2 * n] for block in blocks]), np.array(cross), np.array(own),
+        parameters, shapes, residuals(data, parameters), inverse @ middle @ inverse,
+        np.array([block.through[: 2 * n] for block in blocks]), np.array(cross), np.array(shape_noise),
     )  # fmt: skip
 
 
@@ -157,13 +157,13 @@ def frequency_damping_covariance(modes: FrfModes) -> FloatArray:
     """Covariance (2 n_modes, 2 n_modes) of frequencies (Hz), then damping ratios; NaN for modes whose poles are fixed."""
     slope, n = frequency_damping_slope(modes.at.poles), len(modes.at.poles)
     of_poles = np.full((2 * n, 2 * n), np.nan)
-    own = modes.at.free[modes.at.free < 2 * n]
-    of_poles[np.ix_(own, own)] = modes.covariance[: len(own), : len(own)]
+    free = modes.at.free[modes.at.free < 2 * n]
+    of_poles[np.ix_(free, free)] = modes.covariance[: len(free), : len(free)]
     moving = np.tile(~modes.at.fixed, 2)
-    found = np.full((2 * n, 2 * n), np.nan)
+    covariance = np.full((2 * n, 2 * n), np.nan)
     inside = np.ix_(moving, moving)
-    found[inside] = slope[inside] @ of_poles[inside] @ slope[inside].T
-    return found
+    covariance[inside] = slope[inside] @ of_poles[inside] @ slope[inside].T
+    return covariance
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def scaled_shapes(modes: FrfModes, driving: list[DrivingPoint] | None) -> tuple[
     (n_modes,) float array
         Standard deviation of the factor of each shape relative to the factor itself; 0 for largest entries of 1.
     """
-    found, std, doubt = np.empty_like(modes.shapes), np.empty(modes.shapes.shape), np.zeros(modes.shapes.shape[1])
+    shapes, std, doubt = np.empty_like(modes.shapes), np.empty(modes.shapes.shape), np.zeros(modes.shapes.shape[1])
     for m in range(modes.shapes.shape[1]):
         phi, residue = modes.shapes[:, m], modes.at.participation[:, m]
         if driving is None:
@@ -207,9 +207,9 @@ def scaled_shapes(modes: FrfModes, driving: list[DrivingPoint] | None) -> tuple[
             change = scaled[o] * relative
             change[-4:-2] += factor * np.array([1.0, 1j])
             std[o, m] = np.sqrt(np.maximum(change.real @ modes.joint(m, (o, top)) @ change.real, 0.0))
-        found[:, m] = scaled
+        shapes[:, m] = scaled
     std[:, modes.at.fixed] = np.nan
-    return found, std, doubt
+    return shapes, std, doubt
 
 
 def _largest_change(modes: FrfModes, mode: int, top: int) -> ComplexArray:
@@ -226,12 +226,16 @@ def _mass_change(modes: FrfModes, mode: int, point: DrivingPoint) -> tuple[compl
     derivative (n_unknowns + 4,) is by the unknowns of `FrfModes.joint` with the driving point as second output.
     """
     s, phi = modes.at.poles[mode], modes.shapes[point.output, mode]
-    own = modes.at.participation[point.input, mode]
+    participation = modes.at.participation[point.input, mode]
     change = np.zeros(len(modes.covariance) + 4, dtype=complex)
     columns: IntArray = modes.at.free
     n = len(modes.at.poles)
     entry = 2 * n + point.input * n + mode
-    for column, slope in ((n + mode, 1 / s.imag), (entry, 1 / own), (entry + modes.at.participation.size, 1j / own)):
+    for column, slope in (
+        (n + mode, 1 / s.imag),
+        (entry, 1 / participation),
+        (entry + modes.at.participation.size, 1j / participation),
+    ):
         change[: len(columns)] += np.where(columns == column, 0.5 * slope, 0.0)
     change[-2:] = -0.5 * np.array([1.0, 1j]) / phi
-    return complex(np.sqrt(2j * s.imag * point.sense * own / phi)), change
+    return complex(np.sqrt(2j * s.imag * point.sense * participation / phi)), change

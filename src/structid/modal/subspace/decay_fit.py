@@ -113,10 +113,10 @@ def decay_fit(data: ScaledMotion, start: ComplexArray) -> DecayFit | None:
         return None
     poles = start
     for _ in range(2):  # the second time with the noise of the first
-        found = _minimum(data, poles, sigma)
-        if found is None:
+        minimum = _minimum(data, poles, sigma)
+        if minimum is None:
             return None
-        poles, parts = found
+        poles, parts = minimum
         sigma = _noise(parts)
     return _with_covariance(data, poles, parts)
 
@@ -126,13 +126,13 @@ def energy_fractions(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
 
     `poles` (n_modes,) are in rad/s. Fractions need not add up to 1.
     """
-    n, found = len(poles), np.zeros(len(poles))
+    n, energy = len(poles), np.zeros(len(poles))
     for p in _project_records(data, poles):
         gram = p.triangle.T @ p.triangle
         for k in range(n):
-            own = p.coefficients[[k, n + k]]
-            found[k] += np.sum(own * (gram[np.ix_([k, n + k], [k, n + k])] @ own))
-    return found / sum(float(np.sum(y**2)) for y in data.series)
+            amplitudes = p.coefficients[[k, n + k]]
+            energy[k] += np.sum(amplitudes * (gram[np.ix_([k, n + k], [k, n + k])] @ amplitudes))
+    return energy / sum(float(np.sum(y**2)) for y in data.series)
 
 
 def strength(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
@@ -143,13 +143,13 @@ def strength(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
     """
     parts = _project_records(data, poles)
     sigma, n = _noise(parts), len(poles)
-    found = np.zeros(n)
+    statistic = np.zeros(n)
     for p in parts:
         gram, scaled = _inverse_gram(p), p.coefficients / sigma
         for k in range(n):
-            own = scaled[[k, n + k]]
-            found[k] += np.sum(own * linalg.solve(gram[np.ix_([k, n + k], [k, n + k])], own))
-    return found / (2 * len(sigma) * len(parts))
+            amplitudes = scaled[[k, n + k]]
+            statistic[k] += np.sum(amplitudes * linalg.solve(gram[np.ix_([k, n + k], [k, n + k])], amplitudes))
+    return statistic / (2 * len(sigma) * len(parts))
 
 
 def stands_out(data: ScaledMotion, poles: ComplexArray) -> NDArray[np.bool_]:
@@ -186,15 +186,15 @@ def left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray)
     """
     parts = _project_records(data, poles)
     sigma = _noise(parts)
-    found = np.zeros(len(candidates))
+    statistic = np.zeros(len(candidates))
     for p in parts:
         time = np.arange(len(p.residual)) / data.sampling_rate
         for k, s in enumerate(candidates):
             motion = np.exp(s * (time - (time[-1] if s.real > 0 else 0.0)))
             basis = np.stack([motion.real, motion.imag], axis=1)
             q = np.linalg.qr(basis - p.basis @ (p.basis.T @ basis))[0]
-            found[k] += np.sum(np.square(q.T @ (p.residual / sigma)))
-    return found / (2 * len(sigma) * len(parts))
+            statistic[k] += np.sum(np.square(q.T @ (p.residual / sigma)))
+    return statistic / (2 * len(sigma) * len(parts))
 
 
 def is_left_over(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> bool:
@@ -212,7 +212,7 @@ def _project_records(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtP
 
     The basis is [Re E, Im E], (n_times, 2 n_modes), with E = exp(s t), t from 0 at the first sample of the record.
     """
-    found = []
+    projections = []
     for y in data.series:
         time = np.arange(len(y))[:, None] / data.sampling_rate
         motion = np.exp(poles * time)
@@ -221,7 +221,7 @@ def _project_records(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtP
         along = q.T @ y
         slope = time * basis
         part = q.T @ slope
-        found.append(
+        projections.append(
             _RecordAtPoles(
                 q,
                 triangle,
@@ -231,7 +231,7 @@ def _project_records(data: ScaledMotion, poles: ComplexArray) -> list[_RecordAtP
                 part,
             )
         )
-    return found
+    return projections
 
 
 def _inverse_gram(part: _RecordAtPoles) -> FloatArray:
@@ -321,10 +321,10 @@ def _minimum(
         return None
     n_rows = sum(y.size for y in data.series)
     problem = EliminatedProblem(np.tile(np.abs(start), 2), cost, normal)
-    found = minimize_eliminated(problem, replace(_SEARCH, gain_tolerance=_CONVERGED / n_rows))
-    if found is None:
+    minimum = minimize_eliminated(problem, replace(_SEARCH, gain_tolerance=_CONVERGED / n_rows))
+    if minimum is None:
         return None
-    changes, has_converged = found
+    changes, has_converged = minimum
     return project(changes.tobytes()) if has_converged else None
 
 
@@ -374,16 +374,16 @@ def _local_noise(
     resolved.
     """
     n_segments = min(max(-(-24 // len(level)), 4), 16)
-    found, expected = np.zeros(len(poles)), np.zeros(len(poles))
+    power, expected = np.zeros(len(poles)), np.zeros(len(poles))
     for p in parts:
         y = p.residual / level
         n = max(16, len(y) // n_segments)
         time = np.arange(n) / data.sampling_rate
         wave = np.sin(np.pi * (np.arange(n) + 0.5) / n) * np.exp(-1j * np.outer(poles.imag, time))
         for k in range(0, len(y) - n + 1, n // 2):
-            found += np.mean(np.abs(wave @ y[k : k + n]) ** 2, axis=1)
+            power += np.mean(np.abs(wave @ y[k : k + n]) ** 2, axis=1)
             expected += np.sum(np.abs(wave) ** 2, axis=1) - np.sum(np.abs(wave @ p.basis[k : k + n]) ** 2, axis=1)
-    return np.asarray(found / expected)
+    return np.asarray(power / expected)
 
 
 def decay_shapes(fit: DecayFit, scale: FloatArray, merge: ComplexArray) -> tuple[ComplexArray, FloatArray]:
@@ -458,10 +458,10 @@ def decay_modes(data: ScaledMotion, modes: ModalRecord) -> ModalRecord:
     covariance, shape_std = modes.covariance, modes.shape_std
     if covariance is not None and shape_std is not None:
         covariance, shape_std = covariance.copy(), shape_std.copy()
-        own = np.concatenate([strong, modes.n_modes + strong])
-        covariance[own, :], covariance[:, own] = 0.0, 0.0
+        refined = np.concatenate([strong, modes.n_modes + strong])
+        covariance[refined, :], covariance[:, refined] = 0.0, 0.0
         slope = frequency_damping_slope(s)
-        covariance[np.ix_(own, own)] = slope @ fit.pole_covariance @ slope.T
+        covariance[np.ix_(refined, refined)] = slope @ fit.pole_covariance @ slope.T
         shape_std[:, strong] = std
     return by_frequency(
         frequency, ratio, all_shapes, modes.channels, covariance, shape_std,

@@ -168,8 +168,8 @@ def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
     width = 2 * max(2, n // 64) + 1
     smooth = np.convolve(lines, np.ones(width) / width, "same")
     level = np.median(lines)
-    at = np.interp(poles.imag / (2 * np.pi), np.fft.rfftfreq(n, 1 / sampling_rate), smooth)
-    return float(at.max(initial=0.0) / level) if level > 0 else 0.0
+    density = np.interp(poles.imag / (2 * np.pi), np.fft.rfftfreq(n, 1 / sampling_rate), smooth)
+    return float(density.max(initial=0.0) / level) if level > 0 else 0.0
 
 
 def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> SingularVectorChanges | None:
@@ -359,9 +359,9 @@ def pole_deviations(
     values, vectors = np.linalg.eig(a)
     duals = np.linalg.inv(vectors)
     index = oscillating(values, rate)[list(chosen)]
-    own, x = values[index], vectors[:, index]
+    picked, x = values[index], vectors[:, index]
     up, down = u[:-m], u[m:]
-    gram, residual = up.T @ up, down @ x - up @ (x * own)
+    gram, residual = up.T @ up, down @ x - up @ (x * picked)
     pairs, ahead = zip(spread.right, spread.left, strict=True), _times(rest[:-m].T, residual)
     moved = [_turned(subspace, *pair, order, x, ahead) for pair in pairs]
     dx, missed = (np.array(part) for part in zip(*moved, strict=True))
@@ -369,12 +369,12 @@ def pole_deviations(
     if spread.outside is not None:
         beside = spread.outside[:, :, :order] / _inside(subspace, order)
         dx, missed = dx + _times(beside, x), missed + _times(beside[:, :-m].transpose(0, 2, 1), residual)
-    da = np.linalg.solve(gram, up.T @ (dx[:, m:] - dx[:, :-m] * own) + missed)
+    da = np.linalg.solve(gram, up.T @ (dx[:, m:] - dx[:, :-m] * picked) + missed)
     coupling = duals @ da
-    gaps = own - values[:, None]
+    gaps = picked - values[:, None]
     weights = np.where(gaps == 0, 0.0, coupling / np.where(gaps == 0, 1.0, gaps))
     shapes = subspace.data.scale[:, None] * dx[:, :m] + c @ (vectors @ weights)
-    return np.asarray(coupling[:, index, np.arange(len(index))] / own * rate), np.asarray(shapes)
+    return np.asarray(coupling[:, index, np.arange(len(index))] / picked * rate), np.asarray(shapes)
 
 
 def _times(matrix: FloatArray, x: ComplexArray) -> ComplexArray:

@@ -135,15 +135,15 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         range(len(selection.places)), key=lambda n: sweep[selection.places[n][0]].omega[selection.places[n][1]]
     )
     picked = [selection.places[n] for n in order]
-    found = tuple(selection.clusters[n] for n in order) if selection.clusters else ()
+    clusters = tuple(selection.clusters[n] for n in order) if selection.clusters else ()
     errors = None
     if averages is not None:
-        largest = max(sweep[k].order for k in [k for k, _ in picked] + numbers_of(found))
+        largest = max(sweep[k].order for k in [k for k, _ in picked] + numbers_of(clusters))
         drawn = error_deviations(record, averages, subspace, rows, columns, largest)
         errors = PoleChanges(drawn, *changes_of_poles(subspace, drawn, sweep, picked))
-        if found and options.frequencies is None:
+        if clusters and options.frequencies is None:
             seconds = averages * len(record.values) / record.sampling_rate
-            picked, found, errors = by_frequency(*surest_poles(subspace, sweep, found, errors, seconds))
+            picked, clusters, errors = by_frequency(*surest_poles(subspace, sweep, clusters, errors, seconds))
     poles = poles_of(sweep, picked)
     shapes = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     dofs, merge = displacement_rows(data, poles)
@@ -163,10 +163,10 @@ def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> Modal
         frequency, ratio, unit_largest(merged), dofs, covariance, None if changes is None else shape_deviations(changes),
         tuple(notes), source, changes=changes,
     )  # fmt: skip
-    if not found or options.frequencies is not None:
-        return ModalIdentification(modes, "ssi_cov", sweep, found, options)
+    if not clusters or options.frequencies is not None:
+        return ModalIdentification(modes, "ssi_cov", sweep, clusters, options)
     left_out = by_rising_frequency(left_out_clusters(selection.others, frequency, ratio))
-    result = ModalIdentification(modes, "ssi_cov", sweep, found, options, left_out)
+    result = ModalIdentification(modes, "ssi_cov", sweep, clusters, options, left_out)
     is_split = _is_split_pole(poles, shapes / data.scale[:, None], result.probability)
     result = result.kept(
         ~is_split, "stable poles with the shape and, to within its bandwidth, the frequency of a surer one"

@@ -102,7 +102,7 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
         if not is_crowded or 2 * greatest > most:
             break
         greatest *= 2
-    picked, found, notes, others = selection.places, selection.clusters, selection.notes, selection.others
+    picked, clusters, notes, others = selection.places, selection.clusters, selection.notes, selection.others
     if is_crowded and greatest == _MOST_STATES:
         notes.append(
             f"models of {_MOST_STATES} states have fewer than {_STATES_A_MODE} for each mode, so that modes may be merged or"
@@ -119,29 +119,29 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
         result = _modes(shorter, options, method, is_decay=True)
         words = f"after {shorter.duration:.3g} s the free decay is lost in the noise: modes are from the time before (`stop`)"
         return replace(result, modes=replace(result.modes, warnings=(words, *result.modes.warnings)))
-    automatic = bool(found) and options.frequencies is None
+    automatic = bool(clusters) and options.frequencies is None
     if automatic and method in _REFINED and options.refine and (is_decay or motion.explains_most):
-        picked, found, motion = _with_left_over(data, sweep, picked, found, motion, options, notes)
+        picked, clusters, motion = _with_left_over(data, sweep, picked, clusters, motion, options, notes)
     if not motion.explains_all and (poles_of(sweep, picked).real >= 0).any():
         options = replace(options, criteria=options.criteria.damped)
-        picked, found, notes, others = _damped(sweep, data.scale, options, poles_of(sweep, picked))
+        picked, clusters, notes, others = _damped(sweep, data.scale, options, poles_of(sweep, picked))
         motion = free_decay(data, poles_of(sweep, picked))
     if automatic and motion.explains_all:
-        picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
-    changes = _pole_changes(subspace, sweep, picked, found, motion)
+        picked, clusters, motion = _standing_out(data, sweep, picked, clusters, motion, notes)
+    changes = _pole_changes(subspace, sweep, picked, clusters, motion)
     if automatic and changes is not None and not motion.explains_all:
         piece = data.seconds / len(subspace.windows)
         least = LIKELY if motion.explains_most else _RATHER  # a weak pole of a decay must not pass for certain
-        found, changes = surest_poles(subspace, sweep, found, changes, data.seconds, piece, least)
+        clusters, changes = surest_poles(subspace, sweep, clusters, changes, data.seconds, piece, least)
         if not motion.explains_most and data.n_channels > 1:  # one channel has no shape that could move
-            found, others, changes = _told_by_deviations(subspace, sweep, found, others, changes, notes)
-        picked, found, changes = by_frequency(found, changes)
+            clusters, others, changes = _told_by_deviations(subspace, sweep, clusters, others, changes, notes)
+        picked, clusters, changes = by_frequency(clusters, changes)
     modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
     if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
     left_out = left_out_clusters(others, modes.frequency, modes.damping_ratio) if automatic else []
     result = ModalIdentification(
-        modes, method, sweep, found, options, by_rising_frequency(left_out), motion.explains_most
+        modes, method, sweep, clusters, options, by_rising_frequency(left_out), motion.explains_most
     )
     if automatic:
         result = _keep_certain_modes(data, result, motion)
@@ -233,8 +233,8 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
 
     They are in the order of `poles`. None is taken twice: a later one of `poles` gets the nearest that is left.
     """
-    places = [(k, i) for k, one in enumerate(sweep) for i in range(len(one.poles))]
-    values, chosen = np.concatenate([one.poles for one in sweep]), []
+    places = [(k, i) for k, poles_of_order in enumerate(sweep) for i in range(len(poles_of_order.poles))]
+    values, chosen = np.concatenate([poles_of_order.poles for poles_of_order in sweep]), []
     for pole in poles:
         nearest = next(int(j) for j in np.argsort(np.abs(values - pole)) if places[j] not in chosen)
         chosen.append(places[nearest])
@@ -250,8 +250,8 @@ def _cluster_with_pole(sweep: Sequence[Poles], all_clusters: Sequence[Cluster], 
         here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
         if len(here):
             return replace(cluster, chosen=int(here[0]))
-    poles, own = sweep[number], np.array([index])
-    return Cluster(np.array([number]), own, poles.frequency[own], poles.damping_ratio[own], 0)
+    poles, chosen = sweep[number], np.array([index])
+    return Cluster(np.array([number]), chosen, poles.frequency[chosen], poles.damping_ratio[chosen], 0)
 
 
 def poles_of(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> ComplexArray:
@@ -358,18 +358,18 @@ def _is_steady(data: ScaledMotion, modes: ModalRecord) -> NDArray[np.bool_]:
     return steady
 
 
-def _block_rows(data: ScaledMotion, given: int | None) -> int:
-    """Number of block rows of the Hankel matrix: `given`, or else enough for the largest model order.
+def _block_rows(data: ScaledMotion, wanted: int | None) -> int:
+    """Number of block rows of the Hankel matrix: `wanted`, or else enough for the largest model order.
 
     By default they have room for 120 states (twice the greatest order of 60), and are at least 30, but at most an
     eighth of the samples of the shortest record. `InputError` if it is below 2, so by default if a record has fewer
     than 16 samples.
     """
     shortest = min(len(y) for y in data.series)
-    if given is not None:
-        if given < 2:
-            raise InputError(f"`block_rows` must be at least 2, got {given}; a shift needs two samples")
-        return given
+    if wanted is not None:
+        if wanted < 2:
+            raise InputError(f"`block_rows` must be at least 2, got {wanted}; a shift needs two samples")
+        return wanted
     few_channels = -(-2 * MAX_ORDER // data.n_channels)
     rows = min(max(BLOCK_ROWS, few_channels), shortest // 8)
     if rows < 2:
@@ -387,15 +387,15 @@ def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
     return _STATES_A_MODE * (len(selection.clusters) + perhaps) > greatest
 
 
-def _orders(data: ScaledMotion, rows: int, given: Sequence[int] | None, greatest: int) -> list[int]:
-    """Model orders to try, increasing: those `given`, or else at most 60 even ones, in even steps up to `greatest`.
+def _orders(data: ScaledMotion, rows: int, wanted: Sequence[int] | None, greatest: int) -> list[int]:
+    """Model orders to try, increasing: those `wanted`, or else at most 60 even ones, in even steps up to `greatest`.
 
     `InputError` if they exceed the matrix. `rows` is the number of block rows, with room for (rows - 1) * n_channels
     states.
     """
     room = (rows - 1) * data.n_channels
     step = max(2, 2 * math.ceil(greatest / (2 * _MOST_ORDERS)))
-    orders = list(range(step, min(greatest, room) + 1, step)) if given is None else sorted({int(n) for n in given})
+    orders = list(range(step, min(greatest, room) + 1, step)) if wanted is None else sorted({int(n) for n in wanted})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
             f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "
@@ -583,15 +583,15 @@ def surest_poles(
         member = [int(np.flatnonzero(chosen_clusters[m].number == k)[0]) for m in modes]
         index = [int(chosen_clusters[m].index[j]) for m, j in zip(modes, member, strict=True)]
         moved, shapes = pole_deviations(subspace, changes.spread, sweep[k].order, index)
-        own = std(sweep[k].poles[index], moved)
+        other_std = std(sweep[k].poles[index], moved)
         for i, (m, j) in enumerate(zip(modes, member, strict=True)):
             cluster = chosen_clusters[m]
             apart = (
                 abs(cluster.frequency[j] - cluster.frequency[cluster.chosen]),
                 abs(cluster.damping_ratio[j] - cluster.damping_ratio[cluster.chosen]),
             )
-            if (own[:, i] < surest[:, m]).all() and (np.array(apart) <= own[:, i]).all():
-                clusters[m], surest[:, m] = replace(cluster, chosen=j), own[:, i]
+            if (other_std[:, i] < surest[:, m]).all() and (np.array(apart) <= other_std[:, i]).all():
+                clusters[m], surest[:, m] = replace(cluster, chosen=j), other_std[:, i]
                 ds[:, m], dshape[:, :, m] = moved[:, i], shapes[:, :, i]
     return tuple(clusters), PoleChanges(changes.spread, ds, dshape)
 
@@ -640,7 +640,7 @@ def _told_by_deviations(
         raise NoModesError(f"`records` show no mode; {words}. Measure longer, or give `frequencies`")
     if lost:
         notes.append(words)
-    not_looked_at = [c for c in others if not any(c.number is own.number for own in every)]
+    not_looked_at = [c for c in others if not any(c.number is cluster.number for cluster in every)]
     rest = (*not_looked_at, *(judged[m] for m in range(len(judged)) if m not in taken))
     return tuple(judged[m] for m in taken), rest, changes.of(taken)
 
@@ -658,8 +658,10 @@ def _surest_of_doubtful(
         return list(every), changes
     data, clusters = subspace.data, list(every)
     piece = data.seconds / len(subspace.windows)
-    own = [every[m] for m in doubtful]
-    surer, moved = surest_poles(subspace, sweep, own, changes.of(doubtful), data.seconds, piece, _POSSIBLE)
+    doubtful_clusters = [every[m] for m in doubtful]
+    surer, moved = surest_poles(
+        subspace, sweep, doubtful_clusters, changes.of(doubtful), data.seconds, piece, _POSSIBLE
+    )
     poles, shapes = changes.poles.copy(), changes.shapes.copy()
     poles[:, doubtful], shapes[:, :, doubtful] = moved.poles, moved.shapes
     for m, cluster in zip(doubtful, surer, strict=True):
@@ -685,7 +687,7 @@ def _with_borrowed_shapes_unknown(
     MAC above 0.8. `poles` (n_clusters,), rad/s, and `shapes` (n_channels, n_clusters), scaled, are the chosen ones.
     """
     excess, omega, alike = np.array([cluster.excess for cluster in judged]), np.abs(poles), mac(shapes, shapes)
-    told = []
+    copies = []
     for m, cluster in enumerate(judged):
         surer = np.flatnonzero(excess < excess[m])
         surer = surer[np.argsort(np.abs(omega[surer] - omega[m]))]
@@ -694,8 +696,8 @@ def _with_borrowed_shapes_unknown(
             alike[m, k] > _ONE_SHAPE and abs(omega[k] - omega[m]) < _NEIGHBOUR * omega[m]
             for k in (*below[:1], *above[:1])
         )
-        told.append(replace(cluster, shape_error=max(cluster.shape_error, 1.0)) if borrowed else cluster)
-    return told
+        copies.append(replace(cluster, shape_error=max(cluster.shape_error, 1.0)) if borrowed else cluster)
+    return copies
 
 
 def _is_further(poles: ComplexArray, shapes: ComplexArray, n: int) -> NDArray[np.bool_]:
@@ -726,11 +728,11 @@ def with_deviations(
     poles, shapes = _scaled_poles(sweep, clusters, data.scale)
     piece, judged = data.seconds / len(subspace.windows), []
     for m, cluster in enumerate(clusters):
-        own, shape = poles[m : m + 1], shapes[:, m : m + 1]
+        pole, shape = poles[m : m + 1], shapes[:, m : m + 1]
         turned = changes.shapes[:, :, m : m + 1] / data.scale[:, None]
-        moved, turned = overlapping_batches(changes.poles[:, m : m + 1], turned, piece, _memory(own))
-        scatter = changes_of_modes(own, moved, shape, turned)
-        least = float(_least_std(own, data.seconds)[0])
+        moved, turned = overlapping_batches(changes.poles[:, m : m + 1], turned, piece, _memory(pole))
+        scatter = changes_of_modes(pole, moved, shape, turned)
+        least = float(_least_std(pole, data.seconds)[0])
         excess = float(np.linalg.norm(scatter.frequency)) / least if least > 0 else np.inf
         error = np.linalg.norm(scatter.mode_shapes) / np.linalg.norm(unit_largest(shape))
         judged.append(replace(cluster, excess=excess, shape_error=float(error)))
