@@ -219,10 +219,10 @@ def _lanczos_modes(
     inverse: LinearOperator | None,
     energy: _Energy,
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2 nearest to `shift`, ascending, and mass-normalized vectors (n_dofs, n_modes).
+    """Eigenvalues omega^2 nearest to `shift`, (rad/s)^2, ascending, and mass-normalized vectors (n_dofs, n_modes).
 
-    `inverse` is (K - `shift` M)^-1, with which modes that Lanczos missed are found; with None they are not, and SciPy
-    factorizes. `energy` gives V'KV of a space V.
+    M is `mass`, K `stiffness`. `inverse` is (K - `shift` M)^-1, with which modes that Lanczos missed are found; with
+    None they are not, and SciPy factorizes. `energy` gives V'KV of a space V.
     """
     start = np.random.default_rng(0).standard_normal(mass.shape[0])
     eigenvalues, shapes = eigsh(stiffness, n_modes, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
@@ -262,8 +262,9 @@ def _root(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.intp]] | None:
     """Triangle R, R'R = K + `shift` M, L (n_dofs, rank of M), L L' = M, and `order`; None if K + `shift` M has no R.
 
-    Columns of R and rows of L are the degrees of freedom `order`. `operator` is B with K = B'B: R comes from a pivoted
-    QR of [B; sqrt(shift) L']; from Cholesky's of K + `shift` M, in plain order, if it is None.
+    M is `mass`, K `stiffness`, (n_dofs, n_dofs) each. Columns of R and rows of L are the degrees of freedom `order`.
+    `operator` is B with K = B'B: R comes from a pivoted QR of [B; sqrt(shift) L']; from Cholesky's of K + `shift` M, in
+    plain order, if it is None.
     """
     has_mass = np.diag(mass) > 0
     size = np.sqrt(np.where(has_mass, np.diag(mass), 1.0))

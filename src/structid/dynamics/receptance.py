@@ -123,7 +123,7 @@ class LineFactor:
 
 @contextmanager
 def single_blas() -> Iterator[None]:
-    """BLAS with one thread: factorizations and products of this size lose time to more."""
+    """Context manager in which BLAS has one thread: more only slow the small factorizations and products of a line."""
     changed = [(library, count) for library in _blas_libraries() if (count := library.num_threads) != 1]
     try:
         for library, _ in changed:

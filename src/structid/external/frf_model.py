@@ -264,8 +264,8 @@ class SolvedFrfs(SolvedModel):
     def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest error of the model's FRFs against a solver run at `values` (by name), with a sentence.
 
-        Errors are parts of the largest value of each FRF over its lines. The solver runs unless this run is kept
-        already; `InputError` if it fails.
+        Errors are parts of the largest value of each FRF over its lines. `work` runs the solver, unless this run is
+        kept already; `InputError` if it fails.
         """
         of_solver = self.run_at(values, work).centre
         of_model, _ = self.model.table.evaluated(np.array([values[name] for name in self.model.table.at]))

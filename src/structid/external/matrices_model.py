@@ -41,8 +41,8 @@ class SolvedMatrices(SolvedModel):
     def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest difference between the model's matrices and a solver run at `values` (by name), with a sentence.
 
-        An entry (i, j) is relative to the root of the product of the run's diagonal entries i and j. The solver runs
-        unless this run is kept already; `InputError` if it fails.
+        An entry (i, j) is relative to the root of the product of the run's diagonal entries i and j. `work` runs the
+        solver, unless this run is kept already; `InputError` if it fails.
         """
         [folder], _ = needed_runs(self.solver, [values], work)
         worst = 0.0

@@ -284,8 +284,8 @@ class SolvedModes(SolvedModel):
     def checked(self, values: Point, work: TaskExecutor) -> SolverCheck:
         """Largest relative error of the model's frequencies against a solver run at `values` (by name), and a sentence.
 
-        Rigid-body modes, below 0.1 % of the highest frequency, are left out. The solver runs unless this run is kept
-        already; `InputError` if it fails.
+        Rigid-body modes, below 0.1 % of the highest frequency, are left out. `work` runs the solver, unless this run is
+        kept already; `InputError` if it fails.
         """
         [folder], _ = needed_runs(self.solver, [values], work)
         of_solver = self.out.read(folder).frequency[: self.n_modes]

@@ -178,6 +178,8 @@ def needed_runs(
 ) -> tuple[list[Path], RunCounts]:
     """Folders of the solver runs at `points` (values by name), in their order, and the counts of kept and new runs.
 
+    `work` makes the runs that are not there yet; equal points count once.
+
     Raises
     ------
     RunFailedError

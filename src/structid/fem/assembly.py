@@ -115,7 +115,7 @@ def _boolean_pattern(row: IntArray, column: IntArray, n: int) -> sparse.csr_arra
 def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
     """Boolean pattern (n, n) of all pairs of degrees of freedom that belong to the same element.
 
-    `dofs` (n_elements, n_local) are those of each element, -1 where constrained.
+    `dofs` (n_elements, n_local) are those of each element, -1 where constrained. `n` is the number of free ones.
     """
     free = dofs >= 0
     indptr = np.concatenate([[0], np.cumsum(free.sum(axis=1))])

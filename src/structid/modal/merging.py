@@ -148,7 +148,8 @@ def common_sensors(
 ) -> tuple[Dof, ...]:
     """Reference sensors that all set-ups have, as positive directions: those of `references`, or all by default.
 
-    `channels` are the sensors of each set-up, `called` the names of the set-ups in errors.
+    By default they are in the order of the first set-up. `channels` are the sensors of each set-up, `called` the names
+    of the set-ups in errors.
 
     Raises
     ------
@@ -289,8 +290,8 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
 def _merge_matched(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> MergedModes:
     """`MergedModes`, by rising mean frequency, of the modes matched by `members`: weighted means and merged shapes.
 
-    `members` (n_setups, n_modes) are mode indices (from 0) in each set-up, -1 where missing. `notes` are the warnings
-    so far; further ones are appended to this list in place.
+    `members` (n_setups, n_modes) are mode indices (from 0) in each of `setups`, -1 where missing. `notes` are the
+    warnings so far; further ones are appended to this list in place.
     """
     n_setups, n_modes = members.shape
     frequency = np.array([_values_of(setup.frequency, row) for setup, row in zip(setups, members, strict=True)])
@@ -563,7 +564,8 @@ def merged_shape(
 
     Notes
     -----
-    Alternating least squares, which the references drive: an entry of one part alone fits its part exactly.
+    Alternating least squares over shape and factors: channels that parts share decide the factors, since an entry of
+    one part alone fits its part exactly.
     """
     factors = np.ones(len(parts), dtype=np.complex128)
     shape: ComplexArray = np.zeros(n_channels, dtype=np.complex128)

@@ -128,9 +128,10 @@ def _summary(value: FloatArray, drawn: FloatArray) -> ShapeQuantity:
 
 
 def _drawn_shapes(modes: ModalRecord, rng: np.random.Generator) -> ComplexArray | None:
-    """Random errors of the shapes, (500, n_channels, n_modes), 0 where an entry is unknown; None if no deviation is stated.
+    """Random errors of the shapes, (500, n_channels, n_modes), 0 for unknown entries; None if no deviation is stated.
 
-    They come from `modes.changes`, or entry by entry from `modes.shape_std`; imaginary parts only where shapes are complex.
+    `rng` draws them from `modes.changes`, or entry by entry from `modes.shape_std`; imaginary parts only where shapes
+    are complex.
     """
     if modes.changes is not None:
         weights = rng.standard_normal((_DRAWS, len(modes.changes.frequency)))

@@ -213,8 +213,8 @@ def _bending_slopes(shape: CellShape, positions: FloatArray, determinant: FloatA
     """Gradients of the incompatible modes 1 - xi_i^2, by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
 
     Axes of the gradient come before modes. They are scaled by the ratio of determinants, centre to point, so that their
-    integrals vanish, as the patch test asks. `positions` (n_cells, n_nodes, d) are in m, `determinant` (n_points,
-    n_cells) is that of the Jacobian.
+    integrals vanish, as the patch test asks. `positions` (n_cells, n_nodes, d) are in m, `shape` has slopes and
+    integration points, `determinant` (n_points, n_cells) is that of the Jacobian.
     """
     d = positions.shape[2]
     centre = np.einsum("dk,ekc->edc", shape.slopes(np.zeros((1, d)))[0], positions)

@@ -372,7 +372,7 @@ def _row_dofs(path: Path, element: _Element) -> IntArray:
 def _full_matrix(path: Path, element: _Element, n: int) -> FloatArray:
     """The element matrix (n, n) from its values, which are a lower triangle by rows or all columns.
 
-    Raises `FileError` for another number of values.
+    Raises `FileError` for another number of values. `n` is the number of its degrees of freedom.
     """
     text = b" ".join(element.values).translate(bytes.maketrans(b",D", b" E"))
     try:

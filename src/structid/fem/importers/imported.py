@@ -293,7 +293,7 @@ def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) 
 def from_triangle(values: FloatArray, n: int) -> FloatArray | None:
     """Matrix (n, n) from `values`: n (n + 1) / 2 of the lower triangle by rows (symmetric), or n^2 column by column.
 
-    None for any other number of values.
+    None for any other number of values. `n` is the number of rows.
     """
     if len(values) == n * (n + 1) // 2:
         square = np.zeros((n, n))

@@ -145,7 +145,7 @@ def _record_range(path: Path, content: bytes, offset: int, kind: _WordFormat, wh
     """Byte where the data of the record at byte `offset` begin, and their length in bytes; its two markers must agree.
 
     `content` are all bytes of the file. Raises `FileError`, which names the record `what`, if it is cut short or
-    damaged.
+    damaged. `kind` has byte order and word size.
     """
     if offset + 4 > len(content):
         raise FileError(f"{path}: ends at byte {len(content)} before {what}; {_BINARY_REMEDY}")
@@ -163,7 +163,7 @@ def _record_range(path: Path, content: bytes, offset: int, kind: _WordFormat, wh
 def _read_header(path: Path, content: bytes, offset: int, kind: _WordFormat) -> tuple[_Header, int]:
     """The header of the matrix at byte `offset` of the file `content`, and the byte behind it.
 
-    Raises `FileError` if it is cut short, or its sizes or type are not possible.
+    Raises `FileError` if it is cut short, or its sizes or type are not possible. `kind` has byte order and word size.
     """
     start, length = _record_range(path, content, offset, kind, "the header of a matrix")
     if length != 6 * kind.word:
@@ -183,7 +183,8 @@ def _read_columns(path: Path, content: bytes, offset: int, kind: _WordFormat, he
     """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix.
 
     Columns count from 0; rows from 1, with 0 where strings follow. `content` is that of the file; the records begin at
-    byte `offset`. Raises `FileError` for a record that is cut short or not possible.
+    byte `offset`. Raises `FileError` for a record that is cut short or not possible. `kind` has byte order and word
+    size, `header` sizes and name of the matrix.
     """
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
@@ -236,7 +237,7 @@ def _string_table(
 
     The k-th strings of all columns are read together. `view` is the file as 32-bit words, `columns` (n_records, 4) the
     byte, column, row and number of words of each record. Raises `FileError` for a string that is longer than its
-    record.
+    record. `kind` has byte order and word size.
     """
     start, column, row, words = columns.T
     dense = row > 0
@@ -305,9 +306,9 @@ def _encode_binary(strings: _Strings, options: Op4Options) -> bytes:
 
 
 def _pack_string_head(row: int, words: int, layout: str, kind: _WordFormat) -> bytes:
-    """Bytes before a string of the sparse layouts: number of `words` and first `row` (from 1).
+    """Bytes before a string of a sparse layout: number of `words` and first `row` (from 1); b"" in the dense `layout`.
 
-    The dense layout has none.
+    `kind` has byte order and word size.
     """
     if layout == "dense":
         return b""
@@ -424,8 +425,8 @@ def _title_numbers(lines: _Lines, line_index: int, wide: int) -> list[int]:
 def _read_strings(lines: _Lines, line_index: int, title: _Title) -> tuple[IntArray, int]:
     """First line, number of reals, row and column of each string, (n_strings, 4), and the line index behind the matrix.
 
-    Lines, rows and columns count from 0. The strings begin at `line_index`; raises `FileError` for positions that are
-    not possible.
+    Lines, rows and columns count from 0. The strings begin at `line_index`, behind the `title` of the matrix; raises
+    `FileError` for positions that are not possible.
     """
     strings: list[tuple[int, int, int, int]] = []
     words_per_real = 1 if title.kind % 2 == 1 else 2
@@ -477,7 +478,7 @@ def _read_numbers(
 
     Raises `FileError` with the line for a field that is no number. `offset` and `length` (n_lines,) are first byte and
     size of each line in `buffer`; `table` (n_strings, 4) has first line, number of reals, row and column of each
-    string.
+    string. `title` has width and number of the fields of a line.
     """
     count = table[:, 1]
     before = np.cumsum(count) - count

@@ -317,7 +317,8 @@ def _rows_of_members(members: set[int], rows: dict[int, int]) -> IntArray:
 def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...]:
     """Sentences on what was changed or not read: supports, overlong lines, shifted numbers, turned directions.
 
-    `axes` are the directions of motion (3, 3) of nodes that have their own, by label. Empty if there is nothing to say.
+    `assembly` is the whole file, `axes` are the directions of motion (3, 3) of nodes that have their own, by label.
+    Empty if there is nothing to say.
     """
     notes = []
     scopes = assembly.all_scopes

@@ -251,8 +251,8 @@ def read_parts(
 def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of a *MASS block: one point mass in kg for each element of its set.
 
-    The obstacle is "" unless the mass differs by direction. Names are looked up in `scope`, where the block stands.
-    Raises `ValueError` if there is no such set.
+    The obstacle is "" unless the mass differs by direction. Names are looked up in `scope` of `deck`, where the block
+    stands. Raises `ValueError` if there is no such set.
     """
     name = block.options.get("ELSET", "")
     values = numbers_of(block.rows[0], 3 if any(block.rows[0][1:]) else 1)
@@ -309,9 +309,9 @@ def _spring_weights(
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
     """Weights by (node, direction) of the displacements that a spring acts on, an obstacle, and True if rotational.
 
-    The obstacle is "" if there is none, else there are no weights. `kind` is the element type of the spring, `nodes`
-    are its nodes, `row` is the data line with its degrees of freedom (from 1), and `scope` the instance, which may be
-    turned. Raises `ValueError` if degrees of freedom are missing.
+    The obstacle is "" if there is none, else there are no weights. `deck` has positions and axes of nodes, `kind` is
+    the element type of the spring, `nodes` are its nodes, `row` is the data line with its degrees of freedom (from 1),
+    and `scope` the instance, which may be turned. Raises `ValueError` if degrees of freedom are missing.
     """
     if kind.endswith("A"):
         along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
@@ -354,8 +354,8 @@ def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock
 def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequence[str]]) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of an equation: a constraint for each node where terms name node sets.
 
-    The obstacle is "" if there is none. `terms` are (node or set, component from 1, factor) in words, the dependent one
-    first. Raises `ValueError` if the sets differ in size.
+    The obstacle is "" if there is none; a turned instance is one. Sets are looked up in `scope`. `terms` are (node or
+    set, component from 1, factor) in words, the dependent one first. Raises `ValueError` if the sets differ in size.
     """
     if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
         return [(_TURNED, DeckPart("EQUATION", 1))]
@@ -502,8 +502,9 @@ def _mean_constraints(
 ) -> tuple[str, DeckPart]:
     """Pair (obstacle, part) of a reference node that moves as the weighted mean of other nodes; "" for no obstacle.
 
-    The mean is the rigid motion that fits their translations best. `main` is the reference node, `weights` maps the
-    others to their weights, `chosen` are its components that follow (0 to 5: translations, rotations).
+    The mean is the rigid motion that fits their translations best. `deck` has positions and axes of nodes, `main` is
+    the reference node, `weights` maps the others to their weights, `chosen` are its components that follow (0 to 5:
+    translations, rotations).
     """
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
@@ -525,7 +526,8 @@ def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
     """Pairs (obstacle, part) of a *TIE block, for each pair of surfaces; the obstacle is "" if there is none.
 
     Nodes of the first surface that are near the faces of the second move with these; others are counted as a part that
-    the solver leaves free. Raises `ValueError` if surfaces cannot be read.
+    the solver leaves free. Surfaces are looked up in `scope`, where the block stands. Raises `ValueError` if surfaces
+    cannot be read.
     """
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]
@@ -552,9 +554,10 @@ def _tie_near_nodes(
 ) -> tuple[list[RigidLink | Constraint], int, float]:
     """Constraints of the nodes that lie near a surface, the number of those that do not, and the limit, m.
 
-    `followers` are the nodes; nodes of the surface `carriers` itself are passed over. Near is the POSITION TOLERANCE of
-    the `block`, or 5 % of the mean side of the faces. Rotations of nodes that have some are tied too, unless it says NO
-    ROTATION. Raises `ValueError` if a tied node, or one of its face, has directions of its own.
+    `deck` has positions and axes of nodes, `followers` are those to tie; nodes of the surface `carriers` itself are
+    passed over. Near is the POSITION TOLERANCE of the `block`, or 5 % of the mean side of the faces. Rotations of nodes
+    that have some are tied too, unless it says NO ROTATION. Raises `ValueError` if a tied node, or one of its face, has
+    directions of its own.
     """
     from scipy.spatial import cKDTree
 
@@ -628,7 +631,7 @@ def _follow_rigidly(
     """Obstacle ("" if none) and deck part of `nodes` that follow the node `main` rigidly in some components (0 to 5).
 
     `block` gives the kind of the part and whether its directions are turned, which is an obstacle. All six components
-    make one rigid link, others a constraint each.
+    make one rigid link, others a constraint each, which must not lie in a turned `scope`.
     """
     kind = block.keyword
     if block.options.get("ORIENTATION"):

@@ -247,7 +247,7 @@ class Cards:
 
 
 def cards_of(text: BulkText, names: tuple[str, ...]) -> dict[str, Cards]:
-    """The cards of each of `names` that the text has, by name; names without cards are left out.
+    """Cards by name: those of each of `names` that `text` has; {} if it has none.
 
     Raises `FileError` if a continuation line does not follow the line that it continues.
     """

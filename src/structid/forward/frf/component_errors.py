@@ -69,7 +69,8 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
     """Standard deviation (n_own,) of either part of the mean of entries (i, j) and (j, i) of a measured component.
 
-    Parts are the real and the imaginary one. `n_own` is the number of lines of the component; it must have a variance.
+    Parts are the real and the imaginary one; `i` and `j` count its interface from 0. The unit is m/N. `n_own` is the
+    number of lines of the component; it must have a variance.
     """
     assert component.variance is not None
     variance = component.variance[:, i, j]
@@ -153,7 +154,8 @@ def _whitened_changes(
 ) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
     """Yield each entry of `errors` twice, with the whitened data per unit of its real, then imaginary part.
 
-    Data are (n_lines, n_channels). Channels are outputs, each with all its inputs.
+    Data are complex, (n_lines, n_channels); `whitening` turns changes of the response into those of the data. Channels
+    are outputs, each with all its inputs.
     """
     for entry in errors:
         for part in (1.0, 1j):

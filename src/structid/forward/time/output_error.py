@@ -66,7 +66,7 @@ class Histories:
         return self.drive.waveforms(self.n_times)
 
     def errors(self, predicted: FloatArray, force: FloatArray) -> FloatArray:
-        """Whitened errors of readings, and of noisy force samples, (n_data,).
+        """Whitened errors (n_data,) of readings, then of noisy force samples: predicted less measured.
 
         Parameters
         ----------
@@ -311,7 +311,7 @@ class OutputErrorProblem(RecordProblem):
         return replace(self, measured=self.measured[:n_times], force=self.force[:n_times])
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """Whitened errors of readings and of noisy forces, then prior rows, at the free variables `theta`."""
+        """Whitened errors of readings, then of noisy forces, then prior rows, (n_rows,), at free variables `theta`."""
         if self.channels is not None:
             scaled, values = self._without_gains(theta)
             return residual_with_priors(self.unknowns, theta, scaled._errors(values))

@@ -65,8 +65,8 @@ def identified_by_output_error(
     Each stage doubles the samples and starts where the one before ended. A stage that misses the noise ends the search
     from its start, and the next start is tried; if all fail, the one that came furthest is followed to its end. Starts
     are linear fits, the initial values, the weak form, then random points and posterior linearization. Workers run
-    starts in parallel without changing the answer. Raises `InputError` if the record or the model does not suit the
-    method.
+    starts in parallel (`work`) without changing the answer; `progress` follows the stages. Raises `InputError` if the
+    record or the model does not suit the method.
     """
     problem = output_error_problem(structure, unknown, record, options)
     sizes = _stages(problem, options)
@@ -115,7 +115,7 @@ def _search_starts(
 
     A result is stages passed, minus chi-square per degree of freedom, and free variables (n_params,). A round is made
     only when its first result is asked for. `shared` is the problem, the numbers of samples of the stages, and the
-    options.
+    options. `work` runs as many starts at a time as it has workers, and `progress` follows them.
     """
     count = 0
     for starts in rounds:
@@ -229,7 +229,8 @@ def _rounds(
     First linear fits, the initial values and the weak form (with driven supports the initial values alone); then
     `options.restarts` random points, two at a time: about 5 % from where the best search ended, and about 20 % from one
     of the first starts. After the first pair come starts by posterior linearization. `path_ends` holds the results of
-    all searches so far, `sizes` the numbers of samples of the stages.
+    all searches so far, `sizes` the numbers of samples of the stages. `work` and `progress` serve the posterior
+    linearizations.
     """
     structure, unknown = problem.structure, problem.parameters
     sound: list[FloatArray] = []
@@ -262,7 +263,8 @@ def _far_rounds(
     The best minimum serves twice in a row. From the initial values it may miss high modes by some periods, which it
     finds from the best minimum. Each point is searched from the stage whose samples were linearized, and from the
     first. There are at most six; none follow if two lead back to the same minimum, to 1 % of its misfit. `path_ends`
-    holds the results of all searches so far, `sizes` the numbers of samples of the stages.
+    holds the results of all searches so far, `sizes` the numbers of samples of the stages. `work` runs the
+    linearizations, and `progress` follows them.
     """
     first = _first_far(problem, sizes)
     short, agreed = problem.first(sizes[first]), 0
@@ -289,7 +291,8 @@ def _confirmed(
     """Free variables of the better of `theta` and an answer near it by posterior linearization, and the iterations.
 
     The other answer is better if its search passes all stages and its sum of squares is less by more than 1. `sizes`
-    are the numbers of samples of the stages. `theta` is (n_params,), and so is the result.
+    are the numbers of samples of the stages. `theta` is (n_params,), and so is the result. `work` runs linearization
+    and search, and `progress` follows them.
     """
     first = _first_far(problem, sizes)
     short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)

@@ -321,7 +321,7 @@ def _excess(data: FrfData, parameters: PolesAndParticipation) -> float:
 
 
 def _modal_record(record: FrfRecord, outcomes: Sequence[_BandModes]) -> ModalRecord:
-    """Modal record of the modes of all bands; errors of different bands are independent, since their lines are.
+    """Modal record of all bands in `outcomes`; errors of different bands are independent, since their lines are.
 
     Shapes have modal mass 1 if a driving point shows the mass of every mode, else largest entry 1 (and a warning if
     there is a driving point). Covariance and standard deviations are NaN for a band whose refinement did not converge.

@@ -381,10 +381,10 @@ def _refine_posterior(data: BandLines, modes: BandModes) -> Posterior:
 
 
 def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
-    """Hessian (size, size) of the negative log-likelihood of the lines `data`, by differences of its gradient.
+    """Hessian (size, size), symmetric, of the negative log-likelihood of the lines `data`, by central differences.
 
-    It is taken at the coordinates `x` (size,) that `chart` maps to frequencies, damping ratios, shapes, forces and
-    noise.
+    Differences are of its gradient. It is taken at the coordinates `x` (size,) that `chart` maps to frequencies,
+    damping ratios, shapes, forces and noise.
     """
     rows = []
     for e in np.eye(len(x)) * _STEP:

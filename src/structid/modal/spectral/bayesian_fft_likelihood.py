@@ -202,9 +202,9 @@ def solved(data: BandLines, modes: BandModes, spectra: ComplexArray) -> Solved:
     """Negative log-likelihood of the lines F, up to a constant, and products with the covariance E of each line.
 
     E is Phi H Phi' + S_e I for shapes Phi, noise S_e and `spectra` H (n_lines, m, m), the spectral densities of the
-    modal responses. The products are (S_e I + Phi' Phi H)^-1, (n_lines, m, m), E^-1 F, Phi' E^-1 F and the sum of tr
-    E^-1. Kernels of size m serve instead of n_channels; where shapes span all channels or are nearly parallel, E itself
-    is inverted.
+    modal responses. The products are, in this order, (S_e I + Phi' Phi H)^-1, (n_lines, m, m), E^-1 F, Phi' E^-1 F and
+    the sum of tr E^-1. Kernels of size m serve instead of n_channels; where shapes span all channels or are nearly
+    parallel, E itself is inverted.
     """
     n, m = modes.shapes.shape
     gram = modes.shapes.T @ modes.shapes

@@ -186,7 +186,8 @@ def _mode(
 def _scatter(n_lines: int, averages: float, n_draws: int, rng: np.random.Generator) -> FloatArray:
     """Random factors (n_draws, n_lines) with mean 1, by which a mean of `averages` spectra under Hann windows scatters.
 
-    Neighbouring lines are correlated as the windows make them; `n_lines` is the number of lines.
+    Neighbouring lines are correlated as the windows make them; `n_lines` is the number of lines, and `rng` draws the
+    factors.
     """
     count = min(max(round(averages), 1), _DRAWN)
     parts = rng.standard_normal((2, n_draws, count, n_lines + 2))
@@ -253,7 +254,7 @@ def _notes(
     """Warnings on the assumptions behind damping ratios, and on modes at `peaks` (Hz) whose `ratio` is NaN.
 
     `spacing` is that of the lines, Hz; `is_spectrum` is False of correlation functions, `has_deviations` says that the
-    number of averages is known.
+    number of averages is known. () if there is nothing to warn of.
     """
     notes = []
     if is_spectrum:

@@ -369,9 +369,9 @@ def _local_noise(
 ) -> FloatArray:
     """Residual power near each mode's frequency, relative to white noise of standard deviation `level`, (n_modes,).
 
-    `poles` are in rad/s, `level` is (n_channels,). The mean over 4 to 16 Hann-windowed segments per record, half overlapping,
-    and over channels; what the fit removes from white noise is corrected for. Peaks narrower than a segment's line are not
-    resolved.
+    `poles` are in rad/s, `parts` the projections of the records, `level` is (n_channels,). The mean over 4 to 16
+    Hann-windowed segments per record, half overlapping, and over channels; what the fit removes from white noise is
+    corrected for. Peaks narrower than a segment's line are not resolved.
     """
     n_segments = min(max(-(-24 // len(level)), 4), 16)
     power, expected = np.zeros(len(poles)), np.zeros(len(poles))

@@ -306,12 +306,13 @@ def _standing_out(
 def _keep_certain_modes(
     data: ScaledMotion, identification: ModalIdentification, motion: FreeDecay
 ) -> ModalIdentification:
-    """Identification without modes whose frequency deviation exceeds their half-power bandwidth, or 2 / T if that is larger.
+    """Identification without modes whose frequency is less certain than their half-power bandwidth, or 2 / T if larger.
 
-    T is the duration of the longest record. The limit is half as large for modes with a probability below 0.3. Without a clean
-    free decay, duplicates and modes with a phase collinearity below 0.5 are left out too. In free decays modes must also have
-    a frequency deviation of at most 0.5 % or 1 % of the energy, unless `options.deviation` is set,
-    and must not be tones. `motion` says how much of each record is free decay.
+    A standard deviation of the frequency above it counts, T is the duration of the longest record, and the limit is
+    half as large for modes with a probability below 0.3; modes without a deviation stay. Unless `motion`, the free
+    decay in the records, explains all, duplicates and modes with a phase collinearity below 0.5 are left out too. Where
+    it explains most and `options.deviation` is not set, a mode must also have a deviation of at most 0.5 % or 1 % of
+    the energy, and be no tone.
     """
     modes, std = identification.modes, identification.modes.frequency_std
     doubtful = identification.probability < _PERHAPS
@@ -517,8 +518,8 @@ def _pole_changes(
     """Changes of the poles and shapes of the modes `picked` (order number, pole index) by the scatter of the data.
 
     The scatter is that of noise where `motion` is a free decay throughout, else that between windows of the records.
-    None for fewer than two windows, or if the method gives no parts of its matrix. `clusters` tell which further orders
-    the deviations must serve.
+    None for fewer than two windows, or if the method gives no parts of its matrix. `sweep` are the poles of all orders;
+    `clusters` tell which further orders the deviations must serve.
     """
     numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(clusters)
     highest = max(sweep[k].order for k in numbers) if motion.explains_most else sweep[-1].order
@@ -650,8 +651,8 @@ def _surest_of_doubtful(
 ) -> tuple[list[Cluster], PoleChanges]:
     """Clusters `every` and their `changes`, in the same order, with surer poles for those that are doubtful.
 
-    Doubtful are those whose probability is below 0.5 or NaN; `surest_poles` may choose another pole of them. The rest
-    stays as it is.
+    Doubtful are those whose probability is below 0.5 or NaN; `surest_poles` may choose another pole of them. The others
+    stay as they are. `sweep` are the poles of all orders.
     """
     doubtful = [m for m, cluster in enumerate(every) if not cluster.probability >= _RATHER]
     if not doubtful:
@@ -680,7 +681,7 @@ def _least_std(poles: ComplexArray, seconds: float) -> FloatArray:
 def _with_borrowed_shapes_unknown(
     judged: Sequence[Cluster], poles: ComplexArray, shapes: ComplexArray
 ) -> list[Cluster]:
-    """Copies of clusters, in the same order, with a `shape_error` of at least 1 where the shape may be a neighbour's.
+    """Copies of the clusters `judged`, in order: `shape_error` is at least 1 where the shape may be a neighbour's.
 
     A pole of noise beside a resonance takes its shape, and with it the small error of that shape. Neighbours are the
     nearest clusters below and above with less `excess`; the shape may be theirs within 20 % of the frequency and with a
@@ -720,7 +721,7 @@ def with_deviations(
 
     The excess is the standard deviation of the frequency over the least that the length of the record allows; the error
     is that of the shape over its norm, channels scaled. One channel has no shape: its clusters are returned as they
-    are.
+    are. `sweep` are the poles of all orders.
     """
     data = subspace.data
     if data.n_channels == 1:

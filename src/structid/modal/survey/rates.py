@@ -147,7 +147,7 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
     """Index pairs (in `low`, in `high`) of modes that both have: mutually nearest in frequency, MAC 0.8 or more.
 
     Frequencies may differ by three standard deviations of the difference or zeta f of the mode of `low`, whichever is
-    larger; unknown ones count as 0.
+    larger; unknown ones count as 0. [] if an analysis has no mode.
     """
     if not (low.n_modes and high.n_modes):
         return []

@@ -150,7 +150,10 @@ class ModesResult(Shown, ModesPlots):
 
     @property
     def scale_words(self) -> str:
-        """Words on the scale of the mode shapes, and what the modes cannot tell because of it."""
+        """Words on the scale of the mode shapes, and what the modes cannot tell because of it.
+
+        They name a modal mass of 1 kg, or say that the scale is arbitrary and no modal mass is known.
+        """
         if self.modes.scaling == "mass":
             return "mode shapes are scaled to a modal mass of 1 kg, from the measured forces"
         if isinstance(self.record, TimeRecord | SpectrumRecord | CorrelationRecord):

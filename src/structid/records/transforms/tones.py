@@ -420,8 +420,8 @@ class _Search:
     def take_off(self, evidence: _Evidence) -> None:
         """Subtract a tone from all channels of `values`, and append its evidence and power (n_channels,) to `taken`.
 
-        Its amplitudes are fitted by least squares, as polynomials of time and frequency whose degrees Schwarz's
-        criterion chooses.
+        The power is the mean square of the tone in the unit of `values`. Its amplitudes are fitted by least squares, as
+        polynomials of time and frequency whose degrees Schwarz's criterion chooses.
         """
         phase = evidence.phase
         degrees = _amplitude_degrees(self, phase)
@@ -554,7 +554,8 @@ def _strongest_line(time: FloatArray, blocks: ComplexArray, reach: float) -> flo
 def _tracked_phase(blocks: ComplexArray) -> FloatArray:
     """Phase in rad common to all channels, (n_blocks,), followed from block to block and smoothed over a few blocks.
 
-    `blocks` (n_blocks, n_channels) are demodulated and scaled to unit noise in each channel.
+    `blocks` (n_blocks, n_channels) are demodulated at the tone's frequency and scaled to unit noise in each channel.
+    The phase is continuous, not within -pi to pi.
     """
     turn = (blocks[:-2].conj() * blocks[2:]).sum(axis=1)
     step = 0.5 * np.angle(_smoothed(turn))

@@ -688,7 +688,7 @@ def _require_meanings(
 ) -> None:
     """Raise `FileError` if a sensor or load name is neither a degree of freedom nor explained by the user.
 
-    `outputs` and `inputs` map the table's names to the user's degrees of freedom.
+    `outputs` and `inputs` map names in `heads`, the headers of the table's columns, to the user's degrees of freedom.
     """
     names = {
         "outputs": dict.fromkeys(head.output for head in heads if head.output not in outputs),

@@ -255,7 +255,7 @@ def _without_comment_sign(line: str) -> str:
 
 
 def _named_with_statistics(header: Sequence[list[str]]) -> list[list[str]]:
-    """Names and units of a TOA5 table, from its three lines of names, units and statistics (``Smp``, ``Avg`` ...).
+    """Lines of names and units of a TOA5 table, from its `header`: names, units, statistics (``Smp``, ``Avg`` ...).
 
     The name of a column that is no sample, by its statistic or else by the end of its name, is marked with the
     statistic.
@@ -377,7 +377,10 @@ def counts_up(texts: Sequence[str]) -> bool:
 
 
 def _require_samples_first(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> None:
-    """Raise `FileError` if the first line counts its columns, as names of data frames do, above numbers with decimals."""
+    """Raise `FileError` if the first line counts its columns, as names of data frames do, above numbers with decimals.
+
+    `cells` are the lines behind those that `layout` skips.
+    """
     line = [cell.strip() for cell in cells[0]]
     if counts_up(line) and len(line) > 1 and any(re.search(r"[.,]\d", cell) for row in cells[1:3] for cell in row):
         shown = ", ".join(line[:4]) + (", ..." if len(line) > 4 else "")

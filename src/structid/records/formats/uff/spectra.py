@@ -181,7 +181,10 @@ def _along_global_axes(
 
 
 def _response_and_reference(path: Path, function: Dataset58) -> tuple[Dof, Dof]:
-    """Response and reference of a function; both are the response for an autospectrum without a reference."""
+    """Response and reference of a function; both are the response for an autospectrum without a reference.
+
+    `FileError`, which names `path`, if a node or direction of the function is no degree of freedom.
+    """
     response = dof_of(path, function.response, "response", function.ordinal)
     if function.reference[1] == 0 and function.kind not in _CROSS:
         return response, response
