@@ -572,7 +572,8 @@ def _follow_rigidly(
 def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     """Obstacle ("" if none) and ties from an RBAR card: one of its two nodes follows the other rigidly.
 
-    It is an obstacle if not all independent components are at one node. `fields` are those of the card.
+    Obstacles are independent components at both nodes, and scalar points; there are no ties then. `fields` are those
+    after the card's name.
     """
     padded = _pad_words(fields, 8)
     first, second = int(padded[1]), int(padded[2])

@@ -354,7 +354,7 @@ def _require_names_agree(
 ) -> None:
     """Raise `FileError` if the name of a channel states another unit than the channel is read in.
 
-    `quantities` and `factors` to SI are those of the channels as they are read.
+    `quantities` and `factors` to SI are those of the channels of `part` as they are read, by `options` or the file.
     """
     for j, (name, quantity, factor) in enumerate(zip(part.names, quantities, factors, strict=True)):
         text = other_unit_in_name(name, parse_unit, quantity.removeprefix("support_"), factor)
