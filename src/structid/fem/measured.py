@@ -217,9 +217,9 @@ class MeasuredComponent:
     def _nearest_lines(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
         """Index of the measured line nearest to each `frequency` (Hz), and True where interpolation is needed.
 
-        Both are (n_lines,). A line within 1/1000 of the spacing of a measured one is not. Raises `InputError` if a line
-        lies outside the measured band, or the measured lines are too far apart to interpolate: one of them would be off
-        by more than 10 % if left out.
+        Both are (n_lines,). A line within 1/1000 of the spacing of a measured one needs none. Raises `InputError` if a
+        line lies outside the measured band, or the measured lines are too far apart to interpolate: one of them would
+        be off by more than 10 % if left out.
         """
         measured = self.frequency
         nearest = np.searchsorted((measured[1:] + measured[:-1]) / 2, frequency)
@@ -263,8 +263,8 @@ class MeasuredComponent:
     def _require_regular(self, frequency: FloatArray, receptance: ComplexArray) -> None:
         """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency`, Hz.
 
-        `frequency` is (n_lines,). It is if a diagonal entry is 0, or its condition number, scaled to a unit diagonal,
-        exceeds 1e8.
+        `frequency` is (n_lines,). Singular is a matrix with a 0 on its diagonal, or with a condition number above 1e8
+        once it is scaled to a unit diagonal.
         """
         size = np.sqrt(np.abs(np.diagonal(receptance, axis1=1, axis2=2)))
         if not size.all():

@@ -170,10 +170,11 @@ def _energy_fractions(s: ComplexArray, shapes: ComplexArray, participation: Comp
 def polynomial_orders(shape: tuple[int, ...], wanted: Sequence[int] | None) -> list[int]:
     """Orders n of the polynomials to try, increasing: `wanted` / n_inputs rounded up, or 2 to at most 60 by default.
 
-    The default takes every order, or every second one if the greatest is above 20. FRFs of L lines, p outputs and m
-    inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share, and n m for each output. Four
-    values a coefficient leave room for n up to L / 4 with one FRF, and to nearly L / 2 with many outputs. Above order
-    60 the limit is L / 4, since every order above adds poles that fit noise, each of them to be refined.
+    The default ends at 120 / n_inputs (4 at least) if that is less, and takes every order, or every second one if the
+    greatest is above 20. FRFs of L lines, p outputs and m inputs hold 2 L p m real values, for n m^2 coefficients of A,
+    which all outputs share, and n m for each output. Four values a coefficient leave room for n up to L / 4 with one
+    FRF, and to nearly L / 2 with many outputs. Above order 60 the limit is L / 4, since every order above adds poles
+    that fit noise, each of them to be refined.
 
     Parameters
     ----------

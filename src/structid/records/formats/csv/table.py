@@ -211,7 +211,7 @@ def _null_bytes_error(path: Path) -> FileError:
     """The error for a file with null bytes, with the remedy.
 
     It tells UTF-16 text without a byte-order mark if over 0.9 of the bytes at either the even or the odd places are
-    null, and less at the others; else that the file is no text.
+    null, and under 0.1 at the others; else that the file is no text.
     """
     content = path.read_bytes()
     first, second = (content[begin::2].count(0) / (len(content) / 2) for begin in (0, 1))
