@@ -40,7 +40,7 @@ _MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
 def read(path: Path) -> list[ImportedMatrix]:
     """The matrix in the file at `path`, as a list; from a MAT file every numeric matrix, named as its variable.
 
-    Others are named as the file in capitals. Rows have no numbering.
+    The matrix of another file is named as the file, in capitals. Rows have no numbering.
 
     Raises
     ------

@@ -33,7 +33,7 @@ def fields_at(buffer: Bytes, start: IntArray, end: IntArray, width: int) -> Byte
 
 
 def chunks(n: int) -> Iterator[slice]:
-    """Slices of at most some hundred thousand, so that no field table becomes large."""
+    """Slices of at most 200,000 that divide 0 to `n`, so that no field table becomes large; none if `n` is 0."""
     for start in range(0, n, _CHUNK):
         yield slice(start, min(start + _CHUNK, n))
 

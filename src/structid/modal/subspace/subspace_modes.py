@@ -702,10 +702,10 @@ def _with_borrowed_shapes_unknown(
 
 
 def _is_further(poles: ComplexArray, shapes: ComplexArray, n: int) -> NDArray[np.bool_]:
-    """Mask (n_poles,) of poles with the shape and, within its bandwidth, the frequency of one of the first `n`; false for these.
+    """Mask (n_poles,) of poles that repeat one of the first `n`: its shape near its frequency; false for the first.
 
-    `poles` are in rad/s, `shapes` (n_channels, n_poles) scaled. The bandwidth is the larger of both half-power
-    bandwidths, 1 % of the frequency at least; the same shape is a MAC above 0.8.
+    `poles` are in rad/s, `shapes` (n_channels, n_poles) scaled. Near is within the bandwidth, the larger of both
+    half-power bandwidths, 1 % of the frequency at least; the same shape is a MAC above 0.8.
     """
     if not n:
         return np.zeros(len(poles), dtype=bool)
