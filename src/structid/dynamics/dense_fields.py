@@ -154,7 +154,7 @@ class DenseFields:
 
 
 def solve_small_systems(systems: NumberArray, right: NumberArray) -> NumberArray:
-    """Solution X (n_lines, n, n_right) of systems X = right, one system (n, n) for each line.
+    """Solution X (n_lines, n, n_right) of `systems` X = `right`, one system (n, n) for each line.
 
     Systems of one or two unknowns are solved by Cramer's rule, all lines together: LAPACK takes line after line.
 
