@@ -219,10 +219,10 @@ def _kernel_outside(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArra
 def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Quadrature weights of the Poisson integral on the lines `omega` and on their mirror images at -`omega`.
 
-    H(s_i) is forward[i] @ H + backward[i] @ conj(H). If the decay is at least twice the spacing of the lines near omega, the
-    trapezoidal rule is used, with an error of the order exp(-2 pi decay / spacing); otherwise H is interpolated linearly
-    between lines and the kernel integrated exactly. Beyond the last line H counts as 0; below the first it is interpolated
-    to its mirror image.
+    H(s_i) is forward[i] @ H + backward[i] @ conj(H). If the decay is at least twice the spacing of the lines near omega,
+    and omega above twice the first line, the trapezoidal rule is used, with an error of the order
+    exp(-2 pi decay / spacing); otherwise H is interpolated linearly between lines and the kernel integrated exactly.
+    Beyond the last line H counts as 0; below the first it is interpolated to its mirror image.
 
     Parameters
     ----------
