@@ -30,8 +30,7 @@ from scipy.sparse.linalg import splu
 import structid as sid
 from structid.dynamics.factorization import factorizer, installed_factorizers
 from structid.dynamics.normal_modes import modes
-from structid.dynamics.receptance import single_blas
-from structid.dynamics.reduced_sweep import reduced_sweep
+from structid.dynamics.receptance import reduced_sweep, single_blas
 from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.frf.solvers.factorized import SparseSolver
 

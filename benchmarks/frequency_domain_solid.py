@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import structid as sid
-from structid.dynamics.receptance import DynamicStiffness, single_blas
-from structid.dynamics.reduced_sweep import reduced_sweep
+from structid.dynamics.receptance import DynamicStiffness, reduced_sweep, single_blas
 from structid.forward.frf.response import response
 from structid.forward.frf.solvers.factorized import Pattern
 

@@ -18,6 +18,7 @@ PACKAGES = ("structid", "structid.records", "structid.modal")
 #: Packages inside, whose names load on first use too.
 INNER = (
     "structid.diagnose",
+    "structid.dynamics",
     "structid.external",
     "structid.fem",
     "structid.fem.elements",

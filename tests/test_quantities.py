@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from structid.core.quantities import exact, number, percent, unit_text, with_std
+from structid.core.display import exact, number, percent, unit_text, with_std
 
 
 @pytest.mark.parametrize(

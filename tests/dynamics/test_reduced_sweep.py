@@ -7,8 +7,7 @@ import pytest
 from scipy import sparse
 
 from structid.dynamics.factorization import factorizer
-from structid.dynamics.receptance import DynamicStiffness
-from structid.dynamics.reduced_sweep import FEWEST_LINES, FieldBasis, FieldSweep, reduced_sweep
+from structid.dynamics.receptance import FEWEST_LINES, DynamicStiffness, FieldBasis, FieldSweep, reduced_sweep
 
 
 def chain(n_lines, loss=0.02, n=120):
@@ -119,7 +118,7 @@ def test_few_lines_are_solved_in_full_from_few_factorizations(loss):
 
 def test_what_is_left_of_large_models_is_told_by_sums_of_their_equations(monkeypatch):
     z, pattern, loads, _ = chain(60)
-    monkeypatch.setattr("structid.dynamics.reduced_sweep._SUMS", 80)
+    monkeypatch.setattr("structid.dynamics.receptance._SUMS", 80)
     basis = FieldBasis(z, pattern, loads)
     factor = z.solver(30)
     basis.grow(factor, factor.solve(loads))

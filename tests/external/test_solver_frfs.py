@@ -22,7 +22,7 @@ from structid.core.errors import FileError
 from structid.external.deck import with_frequencies
 from structid.external.frf_model import FrfsOut
 from structid.external.solved import Units
-from structid.fem.elements.solver_model import FrfRuns
+from structid.fem.elements.matrix_group import FrfRuns
 from structid.records import FrfRecord
 from structid.records.formats import write_record
 from structid.study.run.run import run_study

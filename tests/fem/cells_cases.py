@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from structid.fem.elements.isoparametric import CELLS
+from structid.fem.elements.cells import CELLS
 
 _SPLITS = {"triangle": [[0, 1, 2], [0, 2, 3]], "quad": [[0, 1, 2, 3]]}
 #: Six tetrahedra around the diagonal 0-6 of a cube, and two wedges.

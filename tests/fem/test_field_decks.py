@@ -8,7 +8,7 @@ import pytest
 
 from structid.core.dof import Dof
 from structid.core.errors import FileError, InputError
-from structid.fem.elements.isoparametric import CELLS
+from structid.fem.elements.cells import CELLS
 from structid.fem.meshes import read_mesh, require_sound
 from structid.study.schema.study import load_study
 

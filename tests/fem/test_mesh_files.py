@@ -8,7 +8,7 @@ import pytest
 from structid import InputError
 from structid.core.errors import FileError
 from structid.fem import Shell, Solid
-from structid.fem.elements.isoparametric import CELLS
+from structid.fem.elements.cells import CELLS
 from structid.fem.meshes import read_mesh, require_sound
 
 

@@ -13,7 +13,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from structid import InputError, Structure
 from structid.dynamics.normal_modes import modes
 from structid.fem import Plane, Solid
-from structid.fem.elements.isoparametric import CELLS, PLANE_CELLS, SOLID_CELLS
+from structid.fem.elements.cells import CELLS, PLANE_CELLS, SOLID_CELLS
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.02
 SIERRA = Path(__file__).parents[3] / "shared" / "data" / "sierra_block_ac_KM"

@@ -16,8 +16,7 @@ from scipy.linalg import eigh
 import structid as sid
 from structid.core.dof import parse_dof, parse_dofs
 from structid.diagnose.verdict import judged
-from structid.fem.elements.matrix_group import MatrixGroup
-from structid.fem.elements.solver_model import ModelParameter, SolverFrfs, SolverModel
+from structid.fem.elements.matrix_group import MatrixGroup, ModelParameter, SolverFrfs, SolverModel
 from structid.forward.fixed_values import append_fixed_factors, tolerances_of, with_fixed_values
 from structid.identification.joint_problem import taken_as_exact, tolerances_clause
 from structid.inversion.estimate import estimate

@@ -8,7 +8,7 @@ import pytest
 from page_parts import as_array, figures, words
 
 from modes_cases import ambient, frfs
-from structid.core.quantities import with_std
+from structid.core.display import with_std
 from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record

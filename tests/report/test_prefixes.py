@@ -2,7 +2,7 @@
 
 import pytest
 
-from structid.core.quantities import prefixed
+from structid.core.display import prefixed
 
 LETTERS = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 

@@ -15,8 +15,8 @@ import report_cases
 from page_parts import figures, unpacked, words
 from written_reports import PROVENANCE, TITLE, Report
 
+from structid.core.display import number
 from structid.core.errors import FileError
-from structid.core.quantities import number
 from structid.identification.identified import Identification
 from structid.report.identification import report_page, sorted_warnings, write_report
 from structid.report.page import plotly_part

@@ -11,8 +11,8 @@ from matplotlib import image
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
+from structid.core.display import DASH, MINUS, TIMES
 from structid.core.errors import FileError, InputError
-from structid.core.quantities import DASH, MINUS, TIMES
 from structid.report.rendering.plot import Area
 from structid.report.rendering.plot import Curve as Drawn
 from structid.report.reproduce import panels_figure, table_text, write_reproduction

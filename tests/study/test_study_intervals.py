@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from structid import identify
+from structid.core.display import span_text
 from structid.core.errors import InputError
 from structid.core.json_types import json_text
-from structid.core.quantities import span_text
 from structid.report.identification import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.run.run import run_study

@@ -10,8 +10,18 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.console import groups, heading, new_table
-from structid.core.display import first_warnings, format_number, plural
-from structid.core.quantities import NOTHING, exact, number, percent, prefixed, span_text, with_std
+from structid.core.display import (
+    NOTHING,
+    exact,
+    first_warnings,
+    format_number,
+    number,
+    percent,
+    plural,
+    prefixed,
+    span_text,
+    with_std,
+)
 from structid.identification.alternatives import Alternatives
 from structid.identification.identified import Identification
 from structid.identification.ratios import ON_FORCE

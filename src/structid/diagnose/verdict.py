@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy import special
 
-from structid.core.display import Overview, Shown, as_sentence, join_words, plural
-from structid.core.quantities import exact, percent, prefixed, with_unit
+from structid.core.display import Overview, Shown, as_sentence, exact, join_words, percent, plural, prefixed, with_unit
 from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements

@@ -1,14 +1,5 @@
 """Modes and responses: pure functions of mass, damping and stiffness."""
 
-from structid.dynamics.normal_modes import Modes, modes
-from structid.dynamics.transient import FreeDecay, Transient, free_decay, harmonic_transient, sampled_transient
+from structid.lazy import lazy
 
-__all__ = [
-    "FreeDecay",
-    "Modes",
-    "Transient",
-    "free_decay",
-    "harmonic_transient",
-    "modes",
-    "sampled_transient",
-]
+__getattr__, __dir__, __all__ = lazy(__name__, __file__)

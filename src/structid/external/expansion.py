@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.external.deck import Deck, DeckParameter
-from structid.fem.elements.solver_model import Powers
+from structid.fem.elements.matrix_group import Powers
 
 #: Change of a parameter as a part of its value, over which the dependence is found.
 RANGE = 0.5

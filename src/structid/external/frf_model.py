@@ -20,7 +20,7 @@ from structid.external.outputs import OneFile, existing_file, require_last_line
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
-from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
+from structid.fem.elements.matrix_group import FrfRuns, SolverFrfs
 from structid.inversion.search.work import TaskExecutor
 from structid.modal.formats.options import PUNCH_SUFFIXES
 from structid.modal.formats.printed import parse_numbers

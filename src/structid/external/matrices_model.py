@@ -15,7 +15,7 @@ from structid.external.expansion import Expansion, Point, expansion
 from structid.external.outputs import MatricesOut
 from structid.external.runs import RunCounts, Solver, needed_runs, point_words, run_words
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
-from structid.fem.elements.solver_model import Part, SolverModel
+from structid.fem.elements.matrix_group import Part, SolverModel
 from structid.fem.importers import ImportedMatrix, dof_table, dofs_of, in_si, on_dofs
 from structid.fem.importers.checks import require_semidefinite
 from structid.fem.importers.imported import codes_of, tables_of

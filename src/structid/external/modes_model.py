@@ -23,7 +23,7 @@ from structid.external.outputs import ModesOut, RunModes, require_same_dofs
 from structid.external.runs import Solver, needed_runs, point_words, run_words
 from structid.external.solved import ShapeTie, SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import Pair, StepRules, take_differences
-from structid.fem.elements.solver_model import Part, Powers, SolverModel
+from structid.fem.elements.matrix_group import Part, Powers, SolverModel
 from structid.inversion.search.work import TaskExecutor
 
 #: Motions beside the centre's shapes that are smaller than so many times the rounding of printed shapes are left out.

@@ -13,7 +13,7 @@ from structid.external.expansion import Point
 from structid.external.runs import RunCounts, Solver
 from structid.fem.elements import ElementSet
 from structid.fem.elements.element import dof_code
-from structid.fem.elements.solver_model import ModelParameter
+from structid.fem.elements.matrix_group import ModelParameter
 from structid.fem.supports import DofEquations
 from structid.inversion.search.work import TaskExecutor
 

@@ -25,8 +25,7 @@ from structid.fem.elements.element import (
     dof_of_code,
     joined_codes,
 )
-from structid.fem.numbering import Numbering, free_blocks
-from structid.fem.supports import DofEquations, FollowingDofs
+from structid.fem.supports import DofEquations, FollowingDofs, Numbering, free_blocks
 
 #: Modes that are sought first; twice as many until one lies above the limit.
 _FIRST_MODES = 20

@@ -40,9 +40,19 @@ from structid.fem.node_positions import (
     node_positions,
     stretched_lengths,
 )
-from structid.fem.numbering import Numbering, blocks_of_all, free_blocks, numbering, selection
 from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
-from structid.fem.supports import Base, DofEquations, Tie, tie_equations, tied_codes
+from structid.fem.supports import (
+    Base,
+    DofEquations,
+    Numbering,
+    Tie,
+    blocks_of_all,
+    free_blocks,
+    numbering,
+    selection,
+    tie_equations,
+    tied_codes,
+)
 from structid.plotting import StructurePlots
 
 #: Into which one element may be cut; its matrices are dense.

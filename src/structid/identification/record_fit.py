@@ -15,9 +15,9 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics import Modes
 from structid.dynamics.normal_modes import modes
-from structid.dynamics.reduced_sweep import reading_error
+from structid.dynamics.receptance import reading_error
 from structid.fem import Structure
-from structid.fem.elements.solver_model import SolverModel
+from structid.fem.elements.matrix_group import SolverModel
 from structid.forward import FrfProblem, ResponseCache
 from structid.identification.options import IdentifyOptions
 from structid.records import FrfRecord

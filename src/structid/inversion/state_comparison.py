@@ -11,9 +11,8 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import Overview, Shown, format_number, join_words
+from structid.core.display import Overview, Shown, format_number, join_words, percent, unit_text, with_std
 from structid.core.errors import InputError
-from structid.core.quantities import percent, unit_text, with_std
 from structid.inversion.composed_problems import JointProblem
 from structid.inversion.diagnostics.residual_tests import Correction, adjusted_p_values, detectable, require_levels
 from structid.inversion.estimate import Status

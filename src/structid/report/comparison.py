@@ -7,8 +7,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.compare.states import COMPARE_PAGE, ComparisonResult, DrawableStructure
-from structid.core.display import first_warnings
-from structid.core.quantities import number, percent, prefixed, with_std
+from structid.core.display import first_warnings, number, percent, prefixed, with_std
 from structid.inversion.state_comparison import Comparison
 from structid.report.drawing import palette
 from structid.report.drawing.drawing import structure_picture

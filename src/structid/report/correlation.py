@@ -13,9 +13,8 @@ from rich.text import Text
 
 from structid.compare.response_correlation import ResponsesCorrelation, correlated_responses
 from structid.core.arrays import FloatArray
-from structid.core.display import first_warnings, plural
+from structid.core.display import NOTHING, first_warnings, likeness, number, percent, plural
 from structid.core.errors import InputError, SingularModelError
-from structid.core.quantities import NOTHING, likeness, number, percent
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.figures.side_by_side import side_by_side_figure

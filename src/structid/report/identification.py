@@ -12,8 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray
-from structid.core.display import plural
-from structid.core.quantities import NOTHING, number, percent, with_std, with_unit
+from structid.core.display import NOTHING, number, percent, plural, with_std, with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, resting
 from structid.diagnose.verdict import Cause, Diagnosis
 from structid.identification.identified import Identification

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import plural
-from structid.core.quantities import (
+from structid.core.display import (
     DASH,
     NOTHING,
     TIMES,
@@ -18,6 +17,7 @@ from structid.core.quantities import (
     likeness,
     number,
     percent,
+    plural,
     prefixed,
     span_text,
     unit_text,

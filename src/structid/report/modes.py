@@ -9,8 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import as_sentence, first_warnings, plural
-from structid.core.quantities import exact, percent, value_words, with_std
+from structid.core.display import as_sentence, exact, first_warnings, percent, plural, value_words, with_std
 from structid.modal.merging import MergedModes
 from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviation_with_std
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out

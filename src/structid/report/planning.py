@@ -8,9 +8,8 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import join_words, plural
+from structid.core.display import exact, join_words, plural, prefixed
 from structid.core.dof import Dof
-from structid.core.quantities import exact, prefixed
 from structid.inversion.diagnostics.identifiability import percent_text
 from structid.planning.planned import Plan, PlannedTest
 from structid.records.record import FRF_UNITS

@@ -6,9 +6,8 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import plural
+from structid.core.display import NOTHING, number, percent, plural, span_text, unit_text, value_words
 from structid.core.isolation import paths_as_called
-from structid.core.quantities import NOTHING, number, percent, span_text, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.prediction.quantities import Frf
 from structid.prediction.tuned_damper import TunedDamper

@@ -12,8 +12,8 @@ import numpy as np
 
 from structid._version import __version__
 from structid.core.arrays import FloatArray
+from structid.core.display import MINUS, NOTHING, number, unit_text
 from structid.core.json_types import JsonValue, json_text, plain
-from structid.core.quantities import MINUS, NOTHING, number, unit_text
 from structid.files import atomic_write, make_folder
 from structid.report.drawing import palette, symbols
 from structid.report.page import Page

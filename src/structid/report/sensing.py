@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.arrays import FloatArray, thin_band, thin_curve
-from structid.core.quantities import number
+from structid.core.display import number
 from structid.prediction.recovery import output_unit
 from structid.prediction.sensing.sense import LARGEST_CHECK, SensedMotion
 from structid.records.record import QUANTITY_UNITS

@@ -18,6 +18,7 @@ from structid.core.constraints import constraint_violation, declared_types, desc
 from structid.core.display import names_like, plural
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
+from structid.lazy import LoadedByKey
 
 Kind = Literal[
     "mass",
@@ -604,3 +605,24 @@ def element_vectors(name: str, nodes: IntArray, positions: NodeCoordinates) -> t
 def rotate_matrices(local: FloatArray, rotation: FloatArray) -> FloatArray:
     """R' B R for every element, with B = `local` (n, a, a) and R = `rotation` (n, a, b); the result is (n, b, b)."""
     return np.swapaxes(rotation, 1, 2) @ local @ rotation
+
+
+#: Every element type by the name that a study file uses; its module loads at its first use.
+ELEMENT_TYPES: LoadedByKey[type[ElementSet]] = LoadedByKey(
+    {
+        "bar": "structid.fem.elements.beam:Bar",
+        "beam": "structid.fem.elements.beam:Beam",
+        "dashpot": "structid.fem.elements.discrete:Dashpot",
+        "friction": "structid.fem.elements.discrete:Friction",
+        "joint": "structid.fem.elements.discrete:Joint",
+        "membrane": "structid.fem.elements.elastic:Membrane",
+        "plane": "structid.fem.elements.elastic:Plane",
+        "plate": "structid.fem.elements.plate:Plate",
+        "point_mass": "structid.fem.elements.discrete:PointMass",
+        "rotary_inertia": "structid.fem.elements.discrete:RotaryInertia",
+        "shell": "structid.fem.elements.shell:Shell",
+        "solid": "structid.fem.elements.elastic:Solid",
+        "space_beam": "structid.fem.elements.beam:SpaceBeam",
+        "spring": "structid.fem.elements.discrete:Spring",
+    }
+)

@@ -14,13 +14,17 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.fem.elements.cells import (
+    CELLS,
     DENSITY,
     POISSON,
     YOUNGS_MODULUS,
     CellSet,
     Poisson,
+    box_rule,
     cell_positions,
     cell_table,
+    gradients,
+    triangle_rule,
 )
 from structid.fem.elements.elastic import plane_elasticity
 from structid.fem.elements.element import (
@@ -34,7 +38,6 @@ from structid.fem.elements.element import (
     declared,
     element,
 )
-from structid.fem.elements.isoparametric import CELLS, box_rule, gradients, triangle_rule
 
 #: Cell types by number of nodes.
 _PLATE_CELLS = {3: "triangle", 4: "quad"}

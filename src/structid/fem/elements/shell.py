@@ -18,10 +18,9 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.constraints import Limits
 from structid.core.dof import DIRECTIONS
-from structid.fem.elements.cells import cell_positions
+from structid.fem.elements.cells import cell_positions, require_none
 from structid.fem.elements.elastic import plane_elasticity, unit_mass
 from structid.fem.elements.element import Matrices, NodeCoordinates, declared, element
-from structid.fem.elements.isoparametric import require_none
 from structid.fem.elements.plate import ThinSet, bending_stiffness, centre_curvatures, plate_mass
 
 _FLAT = 1e-12

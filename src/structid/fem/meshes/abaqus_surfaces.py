@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.fem.elements.isoparametric import CELLS, CellShape
+from structid.fem.elements.cells import CELLS, CellShape
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
-from structid.fem.elements.isoparametric import CELLS
+from structid.fem.elements.cells import CELLS
 from structid.fem.meshes.deck_parts import DeckPart, choose_parts
 from structid.fem.supports import RigidLink
 

@@ -17,7 +17,7 @@ from structid.dynamics.dense_fields import worthwhile
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Base, Structure
-from structid.fem.elements.solver_model import SolverFrfs
+from structid.fem.elements.matrix_group import SolverFrfs
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts

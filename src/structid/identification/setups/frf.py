@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError
-from structid.dynamics.reduced_sweep import FEWEST_LINES
+from structid.dynamics.receptance import FEWEST_LINES
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
 from structid.forward.channel_errors import ChannelErrors, ChannelsOfRecord, channel_errors

@@ -9,10 +9,9 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray
-from structid.core.display import Overview, Shown, format_number, join_words
+from structid.core.display import Overview, Shown, format_number, join_words, number, unit_text
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
-from structid.core.quantities import number, unit_text
 from structid.identification.identified import Identification
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.loads import band_limited_loads

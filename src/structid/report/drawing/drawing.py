@@ -31,8 +31,7 @@ from structid.report.drawing.picture import (
 from structid.report.rendering import plot
 
 if TYPE_CHECKING:
-    from structid.fem.elements.connector import Connector
-    from structid.fem.elements.inertia import PointMass
+    from structid.fem.elements.discrete import Connector, PointMass
 
 #: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.quantities import with_std
+from structid.core.display import with_std
 from structid.identification.identified import Identification, RecordFit
 from structid.report.drawing import palette
 from structid.report.rendering import plot

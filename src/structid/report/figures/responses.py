@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import percent
 from structid.core.dof import Dof
-from structid.core.quantities import percent
 from structid.identification.identified import RecordFit
 from structid.report.drawing import palette
 from structid.report.rendering import plot

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import likeness, number
 from structid.core.dof import DIRECTIONS, Dof
-from structid.core.quantities import likeness, number
 from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.fem.measuring_points import AimedSensor

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from structid.core.arrays import FloatArray
-from structid.core.quantities import exact, percent, with_unit
+from structid.core.display import exact, percent, with_unit
 from structid.fem import Structure
 from structid.fem.contribution import Property
 from structid.identification.identified import Identification

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import DASH, number, value_words
 from structid.core.dof import DIRECTIONS, Dof
-from structid.core.quantities import DASH, number, value_words
 from structid.modal import ModalRecord
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.modal.survey.survey import ModesResult

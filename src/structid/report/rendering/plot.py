@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.core.quantities import unit_text
+from structid.core.display import unit_text
 from structid.report.drawing import palette
 
 #: Where the viewer of three dimensions stands: azimuth and elevation, degrees.

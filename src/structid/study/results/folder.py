@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from structid.core.display import with_unit
 from structid.core.errors import FileError
 from structid.core.json_types import StoredEntry, json_text
-from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claim_path, require_no_file
 from structid.identification.alternatives import Alternatives

@@ -10,10 +10,22 @@ from itertools import product
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import Overview, Shown, as_sentence, join_words, plural
+from structid.core.display import (
+    Overview,
+    Shown,
+    as_sentence,
+    exact,
+    join_words,
+    number,
+    percent,
+    plural,
+    prefixed,
+    span_text,
+    with_std,
+    with_unit,
+)
 from structid.core.errors import require_class
 from structid.core.json_types import StoredEntry
-from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
 from structid.diagnose.fixed_value_influence import doubted, resting_words
 from structid.diagnose.verdict import NOT_TRIED, Cause, Diagnosis, judged
 from structid.files import csv_text

@@ -12,12 +12,11 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.constraints import split_commas
-from structid.core.display import join_words
+from structid.core.display import join_words, span_text
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.isolation import absolute_paths
 from structid.core.json_types import StoredEntry
-from structid.core.quantities import span_text
 from structid.core.units import FrfKind
 from structid.fem import Base, Structure
 from structid.files import csv_text

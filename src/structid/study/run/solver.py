@@ -25,7 +25,7 @@ from structid.external.frf_model import SolvedFrfs
 from structid.external.runs import RunFailedError, point_words
 from structid.external.solved import SolvedModel, SolverCheck
 from structid.fem import Structure
-from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
+from structid.fem.elements.matrix_group import FrfRuns, SolverFrfs
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.frf.continuation import level_frequencies, start_deviation
 from structid.identification.identified import Identification

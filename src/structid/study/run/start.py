@@ -13,7 +13,7 @@ from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
 from structid.diagnose.checks.mesh import MeshErrors, checked_mesh
 from structid.fem import Structure
-from structid.fem.elements.solver_model import SolverModel
+from structid.fem.elements.matrix_group import SolverModel
 from structid.forward import RecordProblem, ResponseCache
 from structid.identification import setups as record_setups
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.core.display import number
 from structid.core.dof import parse_dof
 from structid.core.errors import FileError
 from structid.core.json_types import StoredEntry
-from structid.core.quantities import number
 from structid.files.hdf5 import hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions

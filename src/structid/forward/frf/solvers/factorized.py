@@ -17,8 +17,15 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.last_results import LastResults
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.factorization import Analysis, factorizer
-from structid.dynamics.receptance import DynamicStiffness, single_blas
-from structid.dynamics.reduced_sweep import FEWEST_LINES, ErrorOf, FieldSweep, reading_error, reduced_sweep
+from structid.dynamics.receptance import (
+    FEWEST_LINES,
+    DynamicStiffness,
+    ErrorOf,
+    FieldSweep,
+    reading_error,
+    reduced_sweep,
+    single_blas,
+)
 from structid.forward.contraction import ParameterForces
 from structid.forward.frf.channels import Channels
 from structid.forward.frf.slopes import StiffnessSlopes

@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.elements.solver_model import SolverFrfs
+from structid.fem.elements.matrix_group import SolverFrfs
 from structid.forward.frf.solvers.solver import LineDerivatives
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
