@@ -32,7 +32,7 @@ from structid.dynamics.factorization import factorizer, installed_factorizers
 from structid.dynamics.normal_modes import modes
 from structid.dynamics.receptance import reduced_sweep, single_blas
 from structid.forward.frf.response import Response, ResponseCache, response
-from structid.forward.frf.solvers.factorized import SparseSolver
+from structid.forward.frf.solvers import SparseSolver
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "published"))

@@ -15,7 +15,7 @@ import numpy as np
 import structid as sid
 from structid.dynamics.receptance import DynamicStiffness, reduced_sweep, single_blas
 from structid.forward.frf.response import response
-from structid.forward.frf.solvers.factorized import Pattern
+from structid.forward.frf.solvers import Pattern
 
 YOUNG, DENSITY, POISSON, LOSS = 70e9, 2700.0, 0.3, 0.02
 SIZE, BAND, GROUPS, SENSORS = (1.8, 1.0, 1.08), (100.0, 1000.0), (5, 2, 3), 20

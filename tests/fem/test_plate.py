@@ -8,7 +8,7 @@ from structid import InputError, PointMass, Structure, Unknown, parameters
 from structid.dynamics.normal_modes import modes
 from structid.fem import Membrane, Plane, Plate
 from structid.fem.elements.plate import _square_functions, _triangle_functions
-from structid.forward.sensitive import weight_slope
+from structid.forward.sensitivity import weight_slope
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.005
 BENDING = E * T**3 / 12 / (1 - NU**2)

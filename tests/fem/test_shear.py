@@ -9,7 +9,7 @@ from structid import Beam, FrfRecord, InputError, PointMass, RigidLink, SpaceBea
 from structid.core.dof import DIRECTIONS
 from structid.dynamics.normal_modes import modes
 from structid.forward.frf.response import response
-from structid.forward.sensitive import require_linear_weights, sensitive_elements, slope_value_indices
+from structid.forward.sensitivity import require_linear_weights, sensitive_elements, slope_value_indices
 
 EI, GA, L = 5.0, 30.0, 0.7
 

@@ -11,7 +11,7 @@ from structid.fem import Shell
 from structid.fem.elements.elastic import plane_elasticity
 from structid.fem.elements.shell import drilling_stiffness
 from structid.forward.frf.response import response
-from structid.forward.sensitive import weight_slope
+from structid.forward.sensitivity import weight_slope
 
 E, RHO, NU, T = 70e9, 2700.0, 0.3, 0.005
 TURN = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))[0]

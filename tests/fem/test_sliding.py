@@ -25,7 +25,7 @@ from structid import (
 from structid.dynamics.normal_modes import modes
 from structid.forward import ModalProblem, ModalSettings
 from structid.forward.frf.response import response
-from structid.forward.sensitive import require_linear_weights
+from structid.forward.sensitivity import require_linear_weights
 
 LAWS = ("mass", "stiffness", "damping", "structural_damping")
 UNIT = np.array([0.6, 0.0, 0.8])

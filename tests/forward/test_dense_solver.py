@@ -8,7 +8,7 @@ from scipy import optimize
 
 import structid as sid
 from structid.forward.frf.response import ResponseCache, response
-from structid.forward.frf.solvers.factorized import DenseOrSparseSolver
+from structid.forward.frf.solvers import DenseOrSparseSolver
 from structid.records.record import DERIVATIVES
 
 LAWS = ("mass", "damping", "stiffness", "structural_damping")

@@ -8,7 +8,7 @@ from time_cases import off, record_of
 
 from structid import Beam, Status, Structure, TimeRecord, Unknown, parameters
 from structid.forward import Oscillation, TimeOptions, simulated_time_record
-from structid.forward.time import output_error_search
+from structid.forward.time import identify_time as time_search
 from structid.forward.time.identify_time import identify_time
 from structid.forward.time.output_error import output_error_problem
 from structid.inversion.search.work import SERIAL
@@ -67,20 +67,20 @@ def test_a_start_that_fits_does_not_pay_for_it(monkeypatch):
     def never(*_):
         raise AssertionError("posterior linearization of a record that is fitted")
 
-    monkeypatch.setattr(output_error_search, "posterior_linearized", never)
+    monkeypatch.setattr(time_search, "posterior_linearized", never)
     structure, unknown, record = beam(0)
     assert identify_time(structure, off(unknown, 0.05), record).search.n_starts == 1
 
 
 def test_without_restarts_nothing_is_linearized_by_its_posterior(monkeypatch):
-    monkeypatch.setattr(output_error_search, "posterior_linearized", lambda *_: pytest.fail("asked for it"))
+    monkeypatch.setattr(time_search, "posterior_linearized", lambda *_: pytest.fail("asked for it"))
     monkeypatch.setattr(
-        output_error_search, "_search_starts", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
+        time_search, "_search_starts", lambda *_: iter([((0, -9.0, start), 0), ((passed, -1.0, start), 0)])
     )
     structure, unknown, record = beam(0)
     start, options = unknown.theta_start, TimeOptions(restarts=0)
     problem = output_error_problem(structure, unknown, record, options)
-    passed = len(output_error_search._stages(problem, options))
+    passed = len(time_search._stages(problem, options))
     assert identify_time(structure, unknown, record, options).search.n_starts == 2
 
 
@@ -88,10 +88,10 @@ def test_an_answer_that_another_start_missed_is_held_against_what_lies_beside_it
     structure, unknown, record = beam(0)
     options = TimeOptions()
     problem = output_error_problem(structure, unknown, record, options)
-    sizes = output_error_search._stages(problem, options)
+    sizes = time_search._stages(problem, options)
 
     def confirmed(theta):
-        return output_error_search._confirmed(problem, options, sizes, theta, SERIAL, None)[0]
+        return time_search._confirmed(problem, options, sizes, theta, SERIAL, None)[0]
 
     def cost(theta):
         return float(np.sum(problem.residual(theta) ** 2))
@@ -121,9 +121,7 @@ def test_a_wrong_model_ends_flagged_and_soon(monkeypatch):
     """
     asked = []
     structure, unknown, record = beam(0)
-    monkeypatch.setattr(
-        output_error_search, "posterior_linearized", lambda *at: asked.append(at) or unknown.theta_start
-    )
+    monkeypatch.setattr(time_search, "posterior_linearized", lambda *at: asked.append(at) or unknown.theta_start)
     values = record.values * np.where(np.arange(record.values.shape[1]) == 1, 1.3, 1.0)
     wrong = replace(record, values=values)
     found = identify_time(structure, off(unknown, 0.3, 0), wrong, TimeOptions(restarts=1))

@@ -13,9 +13,9 @@ import pytest
 import structid as sid
 from structid.core.errors import InputError
 from structid.dynamics.factorization import installed_factorizers
-from structid.forward.contraction import element_products
 from structid.forward.frf.response import ResponseCache, response
-from structid.forward.frf.solvers.factorized import sweep_error
+from structid.forward.frf.solvers import sweep_error
+from structid.forward.sensitivity import element_products
 from structid.identification.options import IdentifyOptions
 from structid.unknowns.priors import priors_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import sparse
 
-from structid.forward.frf.channels import channels
+from structid.forward.frf.line_equations import channels
 
 
 def test_fields_under_shared_columns_are_those_under_each_load_sensor_and_contact():

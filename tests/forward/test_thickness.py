@@ -18,7 +18,7 @@ from structid import (
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import output_error_problem
 from structid.forward.frf.response import response
-from structid.forward.sensitive import require_linear_weights
+from structid.forward.sensitivity import require_linear_weights
 
 
 def strip(n):

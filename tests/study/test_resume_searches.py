@@ -17,8 +17,7 @@ from short_record_cases import RATE, chain, unknowns
 from structid import TimeRecord
 from structid.dynamics.transient import sampled_transient
 from structid.forward import TimeOptions
-from structid.forward.time.identify_time import identify_time
-from structid.forward.time.output_error_search import _furthest, _search_starts, _Start
+from structid.forward.time.identify_time import _furthest, _search_starts, _Start, identify_time
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.estimate import estimate
 from structid.inversion.intervals.nuts import begun, continued

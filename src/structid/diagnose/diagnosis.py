@@ -27,7 +27,7 @@ from structid.diagnose.verdict import (
     judged,
     noise_ratio,
 )
-from structid.forward.frf.solvers.tabulated import NO_MATRICES
+from structid.forward.frf.solvers import NO_MATRICES
 from structid.identification.identified import Identification
 from structid.inversion.search.work import SERIAL, TaskExecutor
 

@@ -9,10 +9,9 @@ from structid.core.arrays import ComplexArray, FloatArray, stack_real
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.assembly import structure_matrix_kinds
-from structid.forward.frf.channels import read
 from structid.forward.frf.friction import sliding_amplitudes
-from structid.forward.frf.slopes import matrix_coefficients
-from structid.forward.sensitive import weight_slope
+from structid.forward.frf.line_equations import matrix_coefficients, read
+from structid.forward.sensitivity import weight_slope
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 

@@ -13,8 +13,8 @@ from structid.core.errors import InputError
 from structid.core.last_results import LastResults
 from structid.dynamics.dense_fields import MOST_SMALLER, solve_small_systems
 from structid.fem import Friction, Structure
-from structid.forward.frf.channels import Channels
-from structid.forward.frf.solvers.solver import FrfSolver
+from structid.forward.frf.line_equations import Channels
+from structid.forward.frf.solvers import FrfSolver
 from structid.records import FrfRecord
 from structid.records.record import as_recorded
 from structid.unknowns import Parameters

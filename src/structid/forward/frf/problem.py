@@ -14,7 +14,6 @@ from structid.core.errors import InputError
 from structid.core.units import ACCELERATION_KINDS
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.frf.component_errors import ComponentNoise, ErrorsOfEntry, errors_of_entries
 from structid.forward.frf.continuation import (
     START_ERROR,
     is_noisy,
@@ -22,7 +21,15 @@ from structid.forward.frf.continuation import (
     start_deviation,
     thinned_lines,
 )
-from structid.forward.frf.observed import LeakedFrf, ObservedFrf, leaking_lines, require_leaking
+from structid.forward.frf.observed import (
+    ComponentNoise,
+    ErrorsOfEntry,
+    LeakedFrf,
+    ObservedFrf,
+    errors_of_entries,
+    leaking_lines,
+    require_leaking,
+)
 from structid.forward.frf.products import STORED_BYTES, Form, WhitenedFrf, Whitening, response_products
 from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.record_problem import (

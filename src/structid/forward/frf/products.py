@@ -16,9 +16,8 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
 from structid.core.errors import InputError
-from structid.forward.contraction import element_products
 from structid.forward.frf.response import Response
-from structid.forward.sensitive import WeightedParts
+from structid.forward.sensitivity import WeightedParts, element_products
 
 #: Largest Jacobian of the data, in bytes, that is stored nevertheless: products with it are then faster.
 STORED_BYTES = 1_000_000_000

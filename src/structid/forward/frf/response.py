@@ -19,19 +19,18 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Base, Structure
 from structid.fem.elements.matrix_group import SolverFrfs
 from structid.fem.measured import joined_receptance
-from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
-from structid.forward.frf.slopes import StiffnessSlopes, matrix_coefficients
-from structid.forward.frf.solvers.coupling import SubstructureCoupling
-from structid.forward.frf.solvers.factorized import (
+from structid.forward.frf.line_equations import Channels, StiffnessSlopes, channels, matrix_coefficients
+from structid.forward.frf.solvers import (
     MEDIUM_UP_TO,
     DenseOrSparseSolver,
     DenseSolver,
+    FrfSolver,
     Pattern,
     SparseSolver,
+    SubstructureCoupling,
+    TabulatedFrf,
 )
-from structid.forward.frf.solvers.solver import FrfSolver
-from structid.forward.frf.solvers.tabulated import TabulatedFrf
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.unknowns import Parameters

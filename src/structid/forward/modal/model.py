@@ -18,8 +18,7 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
 from structid.fem.assembly import structure_matrix_kinds
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.contraction import DenseSlopes, dense_slopes
-from structid.forward.sensitive import SensitiveElements, sensitive_elements, weight_slope
+from structid.forward.sensitivity import DenseSlopes, SensitiveElements, dense_slopes, sensitive_elements, weight_slope
 from structid.inversion.linearization import LastEvaluation
 from structid.unknowns import Parameters
 

@@ -19,7 +19,7 @@ from structid.core.arrays import FloatArray, IntArray, locked, require_shape
 from structid.core.errors import InputError
 from structid.fem import Contribution, Structure
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion
-from structid.forward.sensitive import require_linear_weights, require_matrices_in_time
+from structid.forward.sensitivity import require_linear_weights, require_matrices_in_time
 from structid.unknowns import Parameters
 
 _MATRIX_KINDS = ("mass", "damping", "stiffness")  # in the order of MOTION_QUANTITIES

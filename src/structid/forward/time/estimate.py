@@ -12,7 +12,7 @@ from structid.core.arrays import FloatArray, locked
 from structid.fem import Structure
 from structid.forward.fixed_values import append_fixed_factors
 from structid.forward.motion.equations import TimeEquations
-from structid.forward.sensitive import nonlinear_values
+from structid.forward.sensitivity import nonlinear_values
 from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.inversion.diagnostics.identifiability import identifiability

@@ -14,7 +14,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, SingularModelError
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.fem import Base, Structure
-from structid.forward.sensitive import require_matrices_in_time, weight_slope
+from structid.forward.sensitivity import require_matrices_in_time, weight_slope
 from structid.forward.time.options import Hold, Oscillation
 from structid.unknowns import Parameters
 

@@ -17,8 +17,8 @@ from structid.core.errors import InputError
 from structid.dynamics.normal_modes import Modes, frequencies_between, modes
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.frf.channels import read as readings_of
 from structid.forward.frf.continuation import thinned_lines
+from structid.forward.frf.line_equations import read as readings_of
 from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.record_problem import (
     RecordFacts,

@@ -1,6 +1,8 @@
-"""Fields, readings and derivatives of models with matrices, by factors of the dynamic stiffness.
+"""Solvers of the equations of motion at the lines of a record: fields, readings and derivatives.
 
-Small models: dense matrices, many lines together. Large ones: sparse matrices, line by line, with one line's fields in memory.
+Small models: dense matrices, many lines together. Large ones: sparse matrices, line by line, with one line's fields in
+memory. Others are joined to what is no part of their matrices, supports that drive or measured components, or have FRFs of a
+solver in place of matrices.
 """
 
 from __future__ import annotations
@@ -8,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csc_array
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.errors import InputError
 from structid.core.last_results import LastResults
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.factorization import Analysis, factorizer
@@ -26,15 +30,279 @@ from structid.dynamics.receptance import (
     reduced_sweep,
     single_blas,
 )
-from structid.forward.contraction import ParameterForces
-from structid.forward.frf.channels import Channels
-from structid.forward.frf.slopes import StiffnessSlopes
-from structid.forward.frf.solvers.solver import LineDerivatives
+from structid.fem import Structure
+from structid.fem.elements.matrix_group import SolverFrfs
+from structid.forward.frf.line_equations import Channels, StiffnessSlopes, read
+from structid.forward.sensitivity import ParameterForces
+from structid.records import FrfRecord
+from structid.unknowns import Parameters
 
+#: What cannot be had of it, for messages; a sentence begins with what asks for it.
+NO_MATRICES = (
+    'needs masses and stiffnesses, and of this structure a solver gives FRFs alone (`gives = "frfs"`); take `gives = "matrices"`'
+    ' or `"modes"` for it'
+)
 #: Readings of so many sets of parameters are kept, sweeps, and derivatives up to so many bytes.
 _MOST_READINGS, _KEPT, _MOST_BYTES = 40, 2, 2e8
 #: Derivatives may be off by so many times what readings may.
 _DERIVATIVES = 10.0
+
+
+class LineDerivatives(NamedTuple):
+    """Readings of sensors and contacts at a block of lines, with their derivatives with respect to the parameters.
+
+    Attributes
+    ----------
+    part : slice
+        The lines.
+    values : (n_lines, n_sensors, n_inputs) complex array
+        Readings under the loads.
+    derivative : (n_lines, n_sensors, n_inputs, n_params) complex array
+        Their derivative with friction as it is.
+    reach : (n_lines, n_sensors, n_contacts) complex array
+        Readings under unit forces at the contacts.
+    """
+
+    part: slice
+    values: NumberArray
+    derivative: ComplexArray
+    reach: NumberArray
+
+
+class FrfSolver(Protocol):
+    """Solver of the equations of motion at the lines of a record, for coefficients (n_lines, n_matrices) of the matrices."""
+
+    @property
+    def is_large(self) -> bool:
+        """True where lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
+        ...
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Fields (n, n_dofs, n_loads) for blocks of lines, under all load columns where no other loads are given."""
+        ...
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns)."""
+        ...
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """Readings and derivatives for blocks of lines, one after another."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedFrf:
+    """FRFs that a solver gave, between and beside the values of its runs; see `FrfSolver`.
+
+    Attributes
+    ----------
+    element : SolverFrfs
+    structure : Structure
+        Structure that consists of that element alone.
+    parameters : Parameters
+    record : FrfRecord
+        Gives lines, sensors and loads.
+    """
+
+    element: SolverFrfs
+    structure: Structure
+    parameters: Parameters
+    record: FrfRecord
+
+    @property
+    def is_large(self) -> bool:
+        return False
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """There are none.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError(f"the motion of all nodes {NO_MATRICES}")
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """Tabulated receptances of sensors, (n_lines, n_outputs, n_columns), under load columns at indices `columns`.
+
+        Columns are of unit loads along the axes; sensors have the signs of their directions. `physical` (n_params,) are
+        the parameters; `coefficients` are not used.
+        """
+        values, _ = self._signed_receptances(physical)
+        senses = np.array([dof.sign for dof in self.record.inputs])
+        first = [list(self._columns).index(column) for column in columns.tolist()]
+        return values[:, :, first] * senses[first]
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """Yield `LineDerivatives` of all lines at once at the parameters `physical` (n_params,), without contacts.
+
+        `coefficients` are not used.
+        """
+        values, change = self._signed_receptances(physical)
+        yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
+
+    def _signed_receptances(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Receptances (n_lines, n_outputs, n_inputs) with the signs of both channels, and derivatives (..., n_params).
+
+        They are interpolated in the table of the solver, in the order of the record. `physical` (n_params,) are the
+        parameters.
+        """
+        lines, (outputs, senses), (inputs, input_senses) = self._places
+        values, change = self.element.table.evaluated(self.parameters.values(physical)[self._rows])
+        chosen = np.ix_(lines, outputs, inputs)
+        sign = senses[:, None] * input_senses
+        inner = np.asarray(self.parameters.design[self._rows, :].toarray())
+        return values[chosen] * sign, (change[chosen] @ inner) * sign[..., None]
+
+    @cached_property
+    def _rows(self) -> IntArray:
+        """Indices (n,) of the property values that are the parameters of the deck, in its order."""
+        row = {item.term.property: item.values.start for item in self.structure.properties}
+        return np.array([row[name] for name in self.element.table.at], dtype=np.int64)
+
+    @cached_property
+    def _columns(self) -> tuple[int, ...]:
+        """Number of the distinct degree of freedom of each load, from 0 in the order of first appearance."""
+        known: dict[str, int] = {}
+        return tuple(known.setdefault(str(dof.unsigned), len(known)) for dof in self.record.inputs)
+
+    @cached_property
+    def _places(self) -> tuple[IntArray, tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
+        """Line indices of the table, then indices and signs of its outputs, and of its inputs, that the record has."""
+        element = self.element
+        lines = element.table.lines(self.record.frequency)
+        return (
+            lines,
+            element.channel_indices(self.record.outputs, "output"),
+            element.channel_indices(self.record.inputs, "input"),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SubstructureCoupling:
+    """The lines of a model some of whose degrees of freedom are joined to something else; see `Response`.
+
+    What is joined has the receptance Y there, and motions b of its own. The force between the two brings them together: with
+    X = Z^-1 (columns), columns b of unit forces at what is joined, and H their readings there, a forces column f gives
+
+        x = X_f - X_b (Y + H_bb)^-1 (H_bf - b).
+
+    A measured component has its own Y and no motion of its own: frequency-based substructuring in its dual form, which needs
+    the inverse of neither Y nor H_bb. A support that drives has no Y, and a load at it is its motion, not a force. The same
+    holds for the adjoint fields of sensors, so that derivatives are -y' (dZ/dp) x as ever.
+
+    Attributes
+    ----------
+    free : FrfSolver
+        Solver of the model without what is joined.
+    slopes : StiffnessSlopes
+    channels : Channels
+        Loads and sensors; no sensor reads a support that drives.
+    joined : (n_dofs, n_joined) sparse array
+        Columns of what is joined, supports that drive first.
+    receptance : (n_lines, n_joined, n_joined) complex array
+        Y, the receptance of what is joined by itself.
+    n_driven : int
+        Number of supports that drive among the columns of `joined`.
+
+    References
+    ----------
+    De Klerk, Rixen and Voormeeren (2008), AIAA Journal 46(5), 1169-1181.
+    """
+
+    free: FrfSolver
+    slopes: StiffnessSlopes
+    channels: Channels
+    joined: sparse.csc_array
+    receptance: ComplexArray
+    n_driven: int
+
+    @property
+    def is_large(self) -> bool:
+        return self.free.is_large
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Yield the lines and the fields (n, n_dofs, n_loads) of the coupled structure, one block of lines after another.
+
+        `loads` (n_dofs, n_loads) are all columns of the channels by default. `physical` (n_params,) are the parameters,
+        `coefficients` (n_lines, n_matrices) the factors of the matrices in Z.
+        """
+        right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
+        for part, fields, push in self._fields_and_interface_forces(physical, coefficients, right):
+            yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
+
+    def forces(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
+        """Forces between the model and what is joined, under all columns of the channels, (n_lines, n_joined, n_columns)."""
+        return np.concatenate(
+            [push for _, _, push in self._fields_and_interface_forces(physical, coefficients, self.channels.columns)]
+        )
+
+    def _fields_and_interface_forces(
+        self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
+    ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
+        """Yield the lines, the fields of the model alone and the interface forces of one block of lines after another.
+
+        Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right`
+        (n_dofs, n_loads); forces are (n, n_joined, n_loads). `physical` (n_params,) are the parameters, `coefficients`
+        (n_lines, n_matrices) the factors of the matrices in the dynamic stiffness.
+        """
+        n_joined = self.joined.shape[1]
+        prescribed = np.zeros((n_joined, right.shape[1]))
+        prescribed[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
+        for part, fields in self.free.fields(physical, coefficients, self._with_interface_forces(right)):
+            seen = read(self._reader, fields)
+            yield (
+                part,
+                fields,
+                np.linalg.solve(self.receptance[part] + seen[:, :, :n_joined], seen[:, :, n_joined:] - prescribed),
+            )
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """Readings of sensors and contacts under the load columns at `columns`, (n_lines, n_sensors, n_columns).
+
+        `columns` are indices. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of
+        the matrices in Z. Small models solve for all columns, as derivatives do, so that both share cached fields.
+        """
+        if not self.is_large:
+            every = self.fields(physical, coefficients)
+            return np.concatenate([self.channels.read(x[:, :, columns]) for _, x in every])
+        chosen = sparse.csc_array(self.channels.columns[:, columns])
+        return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """Yield the coupled structure's readings and their derivatives, for one block of lines after another.
+
+        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives by the parameters,
+        and the readings under unit contact forces. `physical` (n_params,) are the parameters, `coefficients` (n_lines,
+        n_matrices) those of the matrices in the dynamic stiffness.
+        """
+        for part, fields in self.fields(physical, coefficients):
+            x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
+            change = self.slopes.products(physical, -coefficients[part], x, y)
+            reach = self.channels.read(y[:, :, self.channels.n_outputs :])
+            yield LineDerivatives(part, self.channels.read(x), change, reach)
+
+    @cached_property
+    def _reader(self) -> sparse.csr_array:
+        return sparse.csr_array(self.joined.T)
+
+    def _with_interface_forces(self, loads: sparse.csc_array) -> sparse.csc_array:
+        """Columns of unit forces at the interfaces, then `loads`; cached, so that the same object is returned again."""
+        known = self._last.get("last")
+        if known is None or known[0] is not loads:
+            known = self._last["last"] = loads, sparse.csc_array(sparse.hstack([self.joined, loads]))
+        return known[1]
+
+    @cached_property
+    def _last(self) -> dict[str, tuple[sparse.csc_array, sparse.csc_array]]:
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
