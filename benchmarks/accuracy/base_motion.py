@@ -24,7 +24,7 @@ from structid import Base, Dashpot, PointMass, Spring, Structure, TimeRecord, Un
 from structid.core.arrays import FloatArray
 from structid.forward import SpectraProblem
 from structid.identification.ratios import ratios
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 from structid.unknowns import Parameters
 
 MASS, STIFFNESS, DAMPING = np.array([12.0, 10.0, 8.0]), np.array([2.4e4, 1.8e4, 2.0e4]), np.array([35.0, 25.0, 30.0])

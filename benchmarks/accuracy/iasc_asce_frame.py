@@ -37,7 +37,7 @@ from structid import (
     parameters,
 )
 from structid.core.arrays import FloatArray
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "iasc_asce_phase_1"
 RATE, BAND, DAMPING = 500.0, (2.0, 30.0), 0.01

@@ -17,7 +17,7 @@ import six_masses_model as six
 
 import structid as sid
 from structid.inversion.state_comparison import LATER
-from structid.records.transforms.half_plane import right_half_plane
+from structid.records.half_plane import right_half_plane
 from structid.report.drawing import palette
 
 #: Stretches that narrow resonances of something else spoil, Hz.

@@ -123,7 +123,7 @@ from structid.records import right_half_plane as right_half_plane
 from structid.records import with_coherence_noise as with_coherence_noise
 from structid.records import with_declared_noise as with_declared_noise
 from structid.records import write_record as write_record
-from structid.records.quality.signal_checks import signal_checks as signal_checks
+from structid.records.quality import signal_checks as signal_checks
 from structid.similarity import comac as comac
 from structid.similarity import ecomac as ecomac
 from structid.similarity import fdac as fdac

@@ -33,7 +33,7 @@ from structid.forward import (
 from structid.forward.frf.response import response
 from structid.forward.time.options import Oscillation
 from structid.inversion.estimate import estimate
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 
 DIRECT = ("X", "Y", "RZ")
 

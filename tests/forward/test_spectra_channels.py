@@ -11,7 +11,7 @@ from structid import ChannelUnknown, IdentifyOptions, InputError, TimeRecord, ch
 from structid.forward import SpectraProblem
 from structid.forward.record_problem import with_polarities
 from structid.identification.setups.time import TimeFit, TimeSetup
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 
 BAND = (0.1, 12.0)
 EVERY = [

@@ -11,7 +11,7 @@ from short_record_cases import RATE, chain, record, unknowns
 from structid import InputError, Prior, Search, Status, estimate
 from structid.forward import SpectraProblem, damped_stages
 from structid.forward.time.spectra import spectra_problem
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.5])

@@ -9,7 +9,7 @@ from short_record_cases import chain, unknowns
 from structid import TimeRecord, simulated_time_record
 from structid.forward import SpectraProblem, damped_stages
 from structid.forward.time.spectra import spectra_problem
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 
 RATE = 50.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import TimeRecord
-from structid.records.quality.signal_checks import channel_checks
+from structid.records.quality import channel_checks
 
 RATE = 2000.0
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from structid.records import FrfRecord, TimeRecord, frf_from_time
-from structid.records.quality.preparation import Preparation, prepare
+from structid.records.half_plane import _integrate, poisson_weights
+from structid.records.preparation import Preparation, prepare
 from structid.records.record import coherence_variance, from_repeats
-from structid.records.transforms.half_plane import _integrate, poisson_weights
 
 RATE, SEGMENT = 64.0, 32
 

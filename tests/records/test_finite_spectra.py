@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import InputError, TimeRecord
-from structid.records.transforms.finite_spectra import finite_spectra
+from structid.records.spectra import finite_spectra
 
 
 def sine_record(variance=(0.0, 0.04, 0.01)):

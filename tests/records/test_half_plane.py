@@ -5,7 +5,7 @@ import pytest
 
 import structid as sid
 from structid.core.errors import InputError
-from structid.records.transforms.half_plane import LARGEST_ERROR, poisson_weights, right_half_plane
+from structid.records.half_plane import LARGEST_ERROR, poisson_weights, right_half_plane
 
 POLES = np.array([-0.02 + 1j, -0.03 + 2.5j, -0.05 + 4j])
 

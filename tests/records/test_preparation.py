@@ -11,7 +11,7 @@ from structid import InputError, Preparation, prepare
 from structid.dynamics.transient import free_decay
 from structid.modal import identify_modes
 from structid.records import TimeRecord
-from structid.records.quality.preparation import band_filter, decimation_filter, rate_ratio
+from structid.records.preparation import band_filter, decimation_filter, rate_ratio
 
 PALISADEN = Path(__file__).parents[3] / "shared" / "data" / "palisaden_building"
 RNG = np.random.default_rng

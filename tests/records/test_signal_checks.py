@@ -9,15 +9,15 @@ import pytest
 from scipy.signal import lfilter
 
 from structid.records import TimeRecord, harmonic_indicator
-from structid.records.quality.sample_faults import (
+from structid.records.quality import (
     clipped_samples,
     drop_outs,
     fill_missing,
     local_scale,
     quantum,
+    signal_checks,
     spikes,
 )
-from structid.records.quality.signal_checks import signal_checks
 
 sys.path.append(str(Path(__file__).parents[1] / "modal"))
 from modal_cases import ambient_chain, beam_decay

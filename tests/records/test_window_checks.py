@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from structid.records import TimeRecord, frf_from_time
-from structid.records.quality.spectral_checks import drifts, leakage
+from structid.records.quality import drifts, leakage
 
 RATE, NATURAL, RATIO = 256.0, np.array([20.0]), np.array([0.01])
 

@@ -19,8 +19,7 @@ from structid.modal.spectral.fdd import fdd
 from structid.modal.subspace.stored_correlations import correlation_modes
 from structid.modal.subspace.subspace_modes import SUBSPACE_METHODS, subspace_modes
 from structid.records import FrfRecord, TimeRecord
-from structid.records.correlation import CorrelationRecord
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 
 Records = TimeRecord | Sequence[TimeRecord] | FrfRecord | SpectrumRecord | CorrelationRecord
 

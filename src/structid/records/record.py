@@ -101,7 +101,7 @@ class FrfRecord(Shown):
         File or procedure that the record comes from.
     decay : (n_frequencies,) float array, optional
         Real part of the Laplace variable of each line, 1/s, at least 0: the values are taken at decay + i omega
-        (see `structid.records.transforms.half_plane`). None on the imaginary axis, where FRFs are measured.
+        (see `structid.records.half_plane`). None on the imaginary axis, where FRFs are measured.
     segment : float, optional
         Duration, s, of the segments of random motion under a Hann window that were averaged: each line reads what leaks
         from its neighbours, see `structid.forward.frf.observed`. None where nothing leaks.

@@ -15,8 +15,7 @@ from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviat
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
-from structid.records.correlation import CorrelationRecord
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 from structid.report.figures.survey import (
     complexity_figure,
     damping_figure,

@@ -9,7 +9,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.records import FrfRecord
-from structid.records.transforms.half_plane import right_half_plane
+from structid.records.half_plane import right_half_plane
 from structid.unknowns.named_unknowns import DAMPING, NamedUnknowns
 
 #: Decay of the smoothed lines in parts of their angular frequency, from far off the axis down to it.

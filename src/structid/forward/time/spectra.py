@@ -31,7 +31,7 @@ from structid.inversion.linearization import LastEvaluation, Linearization
 from structid.inversion.problem import DataRows, Schedule
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import FrfKind
-from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
+from structid.records.spectra import FiniteSpectra, finite_spectra
 from structid.unknowns import Parameters
 
 #: Highest power of s in the polynomial of each output, and where a channel may be late: up to two samples are taken.

@@ -20,7 +20,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import FittedUnknowns, RecordFit, Truncation, frf_truncation, record_fit
 from structid.identification.setups.setup import Prepared, RecordSetup, record_warnings
 from structid.records import FrfRecord
-from structid.records.quality.findings import Finding
+from structid.records.quality import Finding
 from structid.records.scatter import missing_floor, with_noise_floor
 from structid.unknowns import Parameters
 

@@ -25,7 +25,7 @@ from structid.identification.record_fit import FittedUnknowns, RecordFit, Trunca
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.records import FrfRecord, TimeRecord
-from structid.records.quality.findings import Finding
+from structid.records.quality import Finding
 from structid.unknowns import Parameters
 
 if TYPE_CHECKING:

@@ -39,10 +39,9 @@ from structid.identification.setups.setup import Prepared, RecordSetup, record_w
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, TaskExecutor
 from structid.records import FrfRecord, TimeRecord, frf_from_time
-from structid.records.quality.findings import Finding
+from structid.records.quality import Finding
 from structid.records.record import LOADS, Quantity
-from structid.records.transforms.finite_spectra import finite_spectra
-from structid.records.transforms.spectra import KINDS
+from structid.records.spectra import KINDS, finite_spectra
 from structid.unknowns import Parameters
 
 TimeWay = Literal["spectra", TimeMethod]

@@ -25,8 +25,7 @@ from structid.modal.correlations import displacement_rows
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, independent_errors, unit_largest
 from structid.modal.spectral.peaks import COHERENCE, peaks_within, stored_spectrum
-from structid.records.correlation import CorrelationRecord
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 
 #: Parts of its start between which the decay is fitted.
 _UPPER, _LOWER = 0.9, 0.2

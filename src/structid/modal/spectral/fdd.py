@@ -17,8 +17,7 @@ from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.spectral.peaks import chosen_peaks, peaks_within, stored_spectrum
 from structid.records import TimeRecord
-from structid.records.correlation import CorrelationRecord
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 
 
 def fdd(

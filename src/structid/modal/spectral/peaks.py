@@ -19,8 +19,7 @@ from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import ScaledMotion
 from structid.modal.method import ModalOptions
 from structid.modal.modal_record import ModalRecord
-from structid.records.correlation import CorrelationRecord
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 
 #: Modal coherence that a peak must have.
 COHERENCE = 0.8

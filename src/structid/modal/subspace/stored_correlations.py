@@ -47,7 +47,7 @@ from structid.modal.subspace.subspace_modes import (
     shape_deviations,
     surest_poles,
 )
-from structid.records.correlation import CorrelationRecord
+from structid.records.stored_averages import CorrelationRecord
 from structid.similarity import mac
 
 #: Rows of the block Hankel matrix at most, where a low mode asks for many lags.

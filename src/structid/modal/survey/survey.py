@@ -44,10 +44,9 @@ from structid.records import (
     read_geometry,
     read_record,
 )
-from structid.records.correlation import CorrelationRecord
 from structid.records.formats import UFF, how_read
 from structid.records.formats.spectra import CORRELATION, SPECTRUM, read_correlation, read_spectrum
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 
 #: Name of the page that is written beside modes.json.
 MODES_PAGE = "report.html"

@@ -13,7 +13,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import sample_range
-from structid.records.quality.sample_faults import fill_missing, flagged_runs
+from structid.records.quality import fill_missing, flagged_runs
 
 
 class GaplessSamples(NamedTuple):

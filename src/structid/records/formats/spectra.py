@@ -16,13 +16,12 @@ from structid.files import damage_told, require_readable
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields
 from structid.files.matlab import matlab_variables
 from structid.files.npy import npz_arrays
-from structid.records.correlation import FORWARD, CorrelationRecord, lag_halves
 from structid.records.formats import HDF5, MAT, NPZ, UFF
 from structid.records.formats.bare import channel_units, require_option
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.spectra import read_correlations, read_spectra
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import FORWARD, CorrelationRecord, SpectrumRecord, lag_halves
 
 #: `kind` of arrays and universal files that hold spectra or correlation functions.
 SPECTRUM, CORRELATION = "spectrum", "correlation"

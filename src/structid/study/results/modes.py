@@ -14,8 +14,7 @@ from structid.modal.shape_uncertainty import collinearity_with_std, phase_deviat
 from structid.modal.survey.survey import ModesResult
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord, Geometry, Tone
-from structid.records.correlation import CorrelationRecord
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import CorrelationRecord, SpectrumRecord
 
 
 def write_modes_results(result: ModesResult, folder: Path) -> None:

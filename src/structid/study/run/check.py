@@ -38,8 +38,7 @@ from structid.inversion.posterior_draws import counted_draws, drawn_covariance, 
 from structid.inversion.problem import expected_square
 from structid.inversion.uncertainty import relative_jacobian
 from structid.records import FrfRecord, TimeRecord
-from structid.records.quality.signal_checks import signal_checks
-from structid.records.quality.spectral_checks import drifts, leakage
+from structid.records.quality import drifts, leakage, signal_checks
 from structid.study.run.run import is_matrix_free
 from structid.study.run.start import PreparedStudy, compare_with_models, pieces_for_band, prepare_study, with_pieces
 from structid.study.schema.records.record import RecordSource, read_histories

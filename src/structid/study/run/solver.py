@@ -37,8 +37,8 @@ from structid.inversion import LevenbergMarquardt
 from structid.inversion.search.least_squares import minimize, residual_at, squared
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.records import FrfRecord
+from structid.records.half_plane import poisson_weights
 from structid.records.record import DERIVATIVES
-from structid.records.transforms.half_plane import poisson_weights
 from structid.study.results.result import SolverAnswer, StudyResult
 from structid.study.run.start import PreparedStudy, prepare_study, study_problems
 from structid.study.run.workers import threads_for

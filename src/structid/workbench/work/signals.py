@@ -17,7 +17,7 @@ from structid.modal.formats.files import read_modes
 from structid.records import FrfRecord, TimeRecord
 from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.on_disk import ChunkedRecord, MemoryRecord, open_record
-from structid.records.quality.signal_checks import signal_checks
+from structid.records.quality import signal_checks
 from structid.records.record import QUANTITY_UNITS
 from structid.workbench.folder import holds_modes
 from structid.workbench.work.scene import packed

@@ -23,7 +23,7 @@ from structid.records.formats.selection import positions, select_channels
 from structid.records.formats.uff.channels import SI_UNITS, UNKNOWN, channel_scale, dof_of, in_global_axes, whole_unit
 from structid.records.formats.uff.functions import Characteristics, Dataset58, one_axis_unit
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
-from structid.records.transforms.spectra import KINDS
+from structid.records.spectra import KINDS
 
 AVERAGES = re.compile(r"\baverages[ =:]+(?P<count>\d+)\b", re.IGNORECASE)
 _TRANSMISSIBILITY = 5

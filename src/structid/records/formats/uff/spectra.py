@@ -19,7 +19,6 @@ from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_unit
 from structid.files.uff.datasets import UffDataset, UnitFactors, read_blocks, read_unit_factors
 from structid.files.uff.nodes import read_nodes
-from structid.records.correlation import FORWARD, CorrelationRecord, lag_halves, step_of
 from structid.records.formats.bare import channel_units
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import is_read_by
@@ -34,7 +33,7 @@ from structid.records.formats.uff.functions import (
     read_function,
     require_one_component,
 )
-from structid.records.spectrum import SpectrumRecord
+from structid.records.stored_averages import FORWARD, CorrelationRecord, SpectrumRecord, lag_halves, step_of
 
 #: Function types: auto spectrum, cross spectrum, power spectral density.
 SPECTRA = (2, 3, 9)

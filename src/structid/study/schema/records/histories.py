@@ -14,7 +14,7 @@ from structid.core.errors import InputError
 from structid.identification.setups.time import TimeFit
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
-from structid.records.transforms.spectra import frf_from_time, require_repeated
+from structid.records.spectra import frf_from_time, require_repeated
 from structid.study.schema.section import Section
 from structid.study.schema.tables import (
     COUNT,

@@ -14,7 +14,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.identification import setups
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
 from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
-from structid.records.quality.findings import CHANNEL_FAULTS, Finding
+from structid.records.quality import CHANNEL_FAULTS, Finding
 from structid.records.record import LOADS, Quantity, as_recorded, rename_channels, segment_duration
 from structid.study.schema import records as record_kinds
 from structid.study.schema.records.sensors import SENSORS, used_names
@@ -265,7 +265,7 @@ def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
     histories = [record for record in records if isinstance(record, TimeRecord)]
     if not histories:
         return ()
-    from structid.records.quality.signal_checks import channel_checks  # for histories alone
+    from structid.records.quality import channel_checks  # for histories alone
 
     checks = [one for record in histories for one in channel_checks(record)]
     return tuple(one for one in checks if one.kind in CHANNEL_FAULTS)

@@ -17,11 +17,9 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, require_class
-from structid.records.quality.findings import Finding, channel_name
-from structid.records.quality.sample_faults import fill_missing, spikes
-from structid.records.quality.signal_checks import lost_samples, signal_checks
+from structid.records.quality import Finding, channel_name, fill_missing, lost_samples, signal_checks, spikes
 from structid.records.record import TimeRecord
-from structid.records.transforms.tones import Tone, remove_tones
+from structid.records.tones import Tone, remove_tones
 
 _Repair = Literal["report", "replace", "none"]
 _LEAST = 16  # samples that must be left

@@ -1,1 +1,0 @@
-"""Checks of records, and preparation of records for identification."""

@@ -1,1 +1,0 @@
-"""Transforms of time histories to spectra and frequency response functions."""
