@@ -4,7 +4,7 @@ import numpy as np
 from scipy import linalg
 from scipy.signal import lfilter
 
-from structid.modal.spectral.bayesian_fft_likelihood import BandLines, BandModes, transfer
+from structid.modal.spectral.bayesian_fft import BandLines, BandModes, transfer
 from structid.records import TimeRecord
 
 CLOSE = (1.0, 1.01)  # Hz

@@ -10,13 +10,18 @@ from spectral_cases import CLOSE, close_pair, covariances, drawn_lines, modes_of
 from structid import InputError, TimeRecord
 from structid.modal import ModalOptions, identify_modes
 from structid.modal.correlations import outputs
-from structid.modal.spectral.bayesian_fft import Posterior, _band_warnings, _inverse, bayesian_fft, hessian, posterior
-from structid.modal.spectral.bayesian_fft_likelihood import (
+from structid.modal.spectral.bayesian_fft import (
+    Posterior,
+    _band_warnings,
+    _inverse,
+    bayesian_fft,
     chart,
     coordinates,
     gradient,
+    hessian,
     modes_at,
     negative_log_likelihood,
+    posterior,
     transfer,
 )
 from structid.modal.spectral.peaks import Band

@@ -5,8 +5,8 @@ import pytest
 from modal_cases import decay
 
 from structid import ModalRecord, subspace_angles
+from structid.modal.close_modes import close_groups, close_mode_notes, gap_std, is_close, repeated_modes
 from structid.modal.identification import identify_modes
-from structid.modal.subspace.close_modes import close_groups, close_mode_notes, gap_std, is_close, repeated_modes
 from structid.similarity import mac
 
 

@@ -25,14 +25,21 @@ from scipy.signal import lfilter
 from structid import FrfRecord, InputError, TimeRecord
 from structid.modal import HardCriteria, ModalOptions, identify_modes, modal_identification
 from structid.modal.frf.lscf import denominators, frf_band, pole_sweep, polynomial_orders, right_poles
-from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, output_blocks, refined, residuals
-from structid.modal.frf.residues import residue_shapes, slopes, terms
-from structid.modal.frf.spread import (
+from structid.modal.frf.refinement import (
     DrivingPoint,
+    FrfData,
+    PolesAndParticipation,
     correlation_excess,
     frequency_damping_covariance,
     frf_modes,
+    misfit,
+    output_blocks,
+    refined,
+    residuals,
+    residue_shapes,
     scaled_shapes,
+    slopes,
+    terms,
 )
 from structid.similarity import mac
 

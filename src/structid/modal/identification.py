@@ -14,8 +14,7 @@ from structid.modal.frf.lscf_modes import lscf
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.spectral.bayesian_fft import bayesian_fft
-from structid.modal.spectral.efdd import efdd
-from structid.modal.spectral.fdd import fdd
+from structid.modal.spectral.fdd import efdd, fdd
 from structid.modal.subspace.stored_correlations import correlation_modes
 from structid.modal.subspace.subspace_modes import SUBSPACE_METHODS, subspace_modes
 from structid.records import FrfRecord, TimeRecord

@@ -15,8 +15,8 @@ from structid.core.constraints import NotNegative, Positive
 from structid.core.display import plural
 from structid.core.errors import InputError
 from structid.modal import ModalRecord
+from structid.modal.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.modal.modal_record import largest_entries, unscaled_shape_std
-from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
 from structid.similarity import most_real, real_turn
 
 Entry = TypeVar("Entry", bound=np.generic)

@@ -28,7 +28,7 @@ from scipy import linalg
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import InputError
-from structid.modal.frf.residues import residue_shapes
+from structid.modal.frf.refinement import residue_shapes
 from structid.modal.poles.poles import HardCriteria, Poles
 from structid.records.record import DERIVATIVES, FrfRecord
 

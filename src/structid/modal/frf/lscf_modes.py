@@ -10,13 +10,17 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError, NoModesError
 from structid.modal.frf.lscf import FrfBand, PoleSweep, frf_band, pole_sweep
-from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, refined, residuals
-from structid.modal.frf.spread import (
+from structid.modal.frf.refinement import (
     DrivingPoint,
+    FrfData,
     FrfModes,
+    PolesAndParticipation,
     correlation_excess,
     frequency_damping_covariance,
     frf_modes,
+    misfit,
+    refined,
+    residuals,
     scaled_shapes,
 )
 from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency

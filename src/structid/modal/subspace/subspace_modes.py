@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import InputError, NoModesError
+from structid.modal.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.correlations import ScaledMotion, displacement_rows, outputs
 from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalChanges, ModalRecord, unit_largest
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
 from structid.modal.poles.stabilization import LIKELY, UNLIKELY, Cluster, clusters, likely_modes
-from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
     decay_modes,

@@ -19,6 +19,7 @@ from structid.core.errors import InputError, NoModesError, StoredSpectraError, U
 from structid.core.provenance import Provenance
 from structid.files import digest
 from structid.files.uff import dataset_lines
+from structid.modal.close_modes import NOT_TOLD_APART
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
 from structid.modal.identification import modal_identification
@@ -26,7 +27,6 @@ from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.window_damping import without_window_damping
 from structid.modal.spectral.peaks import singular_spectrum, stored_spectrum, unexplained_peaks
-from structid.modal.subspace.close_modes import NOT_TOLD_APART
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import FLAT, join_frequency, joined, look_rates
 from structid.plotting import ModesPlots
