@@ -14,8 +14,7 @@ import pytest
 
 from structid.core.errors import FileError
 from structid.files import contained as module
-from structid.files.contained import ReaderError, read_in_child
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part
+from structid.files.contained import ReaderError, hdf5_datasets, hdf5_fields, hdf5_part, read_in_child
 from structid.records import ReadOptions, TimeRecord, read_record, write_record
 from structid.records.on_disk import open_record
 

@@ -8,7 +8,7 @@ import scipy.io
 from scipy import sparse
 
 from structid.core.errors import FileError
-from structid.files.matlab import matlab_variables
+from structid.files.contained import matlab_variables
 
 RANDOM = np.random.default_rng(2)
 NUMBERS = {

@@ -6,7 +6,7 @@ import pytest
 
 from structid.core.errors import FileError
 from structid.files.uff.datasets import UffDataset
-from structid.files.uff.elements import _BESIDE, _CELLS, read_elements
+from structid.files.uff.geometry import _BESIDE, _CELLS, read_elements
 
 
 def test_membranes_number_their_cells_the_other_way():

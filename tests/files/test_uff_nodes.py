@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from structid.core.errors import FileError
-from structid.files.uff import read_nodes
+from structid.files.uff.geometry import read_nodes
 from structid.records import read_geometry
 
 FIELD_FILES = Path(__file__).parents[1] / "records" / "field_files"

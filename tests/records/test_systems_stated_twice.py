@@ -6,7 +6,7 @@ from header_cases import dataset, fortran
 
 from structid.core.errors import FileError
 from structid.fem.meshes import read_mesh
-from structid.files.uff import read_nodes
+from structid.files.uff.geometry import read_nodes
 from structid.modal.formats.files import read_modes
 
 

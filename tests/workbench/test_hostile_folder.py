@@ -30,9 +30,8 @@ from fuzz.hostile import (  # noqa: E402
 from fuzz.seeds import write_chain  # noqa: E402
 
 from structid.core.errors import FileError  # noqa: E402
-from structid.files import claim_path  # noqa: E402
+from structid.files import _exchange_names, claim_path  # noqa: E402
 from structid.files.npy import npz_arrays  # noqa: E402
-from structid.files.writing import _exchange_names  # noqa: E402
 from structid.modal.formats.csv import is_modes_table  # noqa: E402
 from structid.study.results.folder import staged_folder  # noqa: E402
 from structid.study.schema.toml_lines import parse_toml  # noqa: E402

@@ -21,7 +21,7 @@ from structid.core.errors import FileError, InputError, SingularModelError
 from structid.core.json_types import JsonValue, plain_table
 from structid.diagnose.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.fem import Structure
-from structid.files.hdf5 import hdf5_fields, texts_of
+from structid.files.contained import hdf5_fields, texts_of
 from structid.forward import RecordProblem
 from structid.forward.fixed_values import tolerances_of
 from structid.identification.joint_problem import fixed_values, joint_problem

@@ -1,8 +1,9 @@
-"""Reading through compiled libraries in a process beside this one, with limits of memory and time.
+"""Files that compiled libraries read in a process beside this one, with limits of memory and time: HDF5, and MAT files of MATLAB.
 
 Libraries in C trust a file's own sizes and offsets: a changed byte can end the process. The readers of
 `structid.files.worker` therefore run in a child, which is started with the first such file, serves those that follow, and is
-replaced when it fails.
+replaced when it fails. Of a MAT file, numbers, texts, cells of texts, structs and sparse matrices are read; objects, functions,
+arrays of structs and cells of other things are passed over.
 """
 
 from __future__ import annotations
@@ -14,16 +15,19 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, NamedTuple, TypeVar
+from typing import IO, Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
+from scipy import sparse
 
 from structid.core.errors import FileError
 from structid.core.isolation import import_paths, kill_child, python_arguments, start_child
 from structid.core.json_types import JsonValue
+from structid.files import damage_told, require_readable
+from structid.files.sparse import checked_sparse_matrix
 from structid.files.worker import __file__ as _SCRIPT
 from structid.files.worker import fill_tree
 
@@ -31,6 +35,13 @@ T = TypeVar("T")
 
 _SECONDS, _BYTES_A_SECOND = 15.0, 1e6  # a slow network drive
 _START_SECONDS = 120.0
+#: A dataset as read: numbers, a text, or a list of texts.
+Field = np.ndarray | str | tuple[str, ...]
+#: A variable: numbers, a text, or a list of texts.
+Variable: TypeAlias = np.ndarray | sparse.csc_array | str | tuple[str, ...]
+
+_REMEDY = "copy or save it again"
+_HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
 class ReaderError(Exception):
@@ -200,3 +211,129 @@ def end() -> None:
 
 
 atexit.register(end)
+
+
+class Dataset(NamedTuple):
+    """Shape and type of a dataset, and the byte of the file where its values begin: None where they lie in pieces."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    offset: int | None
+
+
+def hdf5_datasets(path: Path) -> dict[str, Dataset]:
+    """Shape, type and position of every dataset of the file at `path`, by its path without the leading slash.
+
+    The position is the byte at which its values begin, or None where they do not lie in one piece as they are. Texts have the
+    type of objects, references and lists that of void.
+
+    Raises
+    ------
+    FileError
+        If the file is not HDF5, is damaged, or has links to other files.
+    """
+    with _hdf5_errors(path):
+        declared = read_in_child(path, "hdf5_shapes")
+    return {
+        name: Dataset(tuple(shape), np.dtype(object) if form == "text" else np.dtype(form), offset)
+        for name, (shape, form, offset) in declared.items()
+    }
+
+
+def hdf5_attributes(path: Path) -> dict[str, np.ndarray | tuple[str, ...]]:
+    """Attributes that are texts or up to 4096 numbers, by ``path@name``; the path of the file itself is empty.
+
+    They belong to datasets, groups and the file. Values are tuples of texts or one-dimensional arrays.
+    """
+    with _hdf5_errors(path):
+        entries = read_in_child(path, "hdf5_attributes")
+    return {name: value if isinstance(value, np.ndarray) else tuple(map(str, value)) for name, value in entries.items()}
+
+
+def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
+    """Values of those datasets called `names` that the file has, by name: an array, a text, or a tuple of texts.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, or the values of a dataset lie in other files or were never written.
+    """
+    with _hdf5_errors(path):
+        return _fields(read_in_child(path, "hdf5_fields", names=list(names)))
+
+
+def hdf5_part(path: Path, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
+    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name`."""
+    with _hdf5_errors(path):
+        part: np.ndarray = read_in_child(path, "hdf5_part", name=name, begin=begin, stop=stop, axis=axis)
+    return part
+
+
+def matlab_73_fields(path: Path) -> dict[str, Field]:
+    """Every variable of numbers or texts of a MAT file of version 7.3, by name."""
+    with _hdf5_errors(path):
+        return _fields(read_in_child(path, "matlab_73"))
+
+
+def texts_of(field: Field) -> tuple[str, ...]:
+    """The texts of a field as a tuple: one text, or a list of them."""
+    return (field,) if isinstance(field, str) else tuple(map(str, field))
+
+
+def _fields(fields: Mapping[str, Field | list[str]]) -> dict[str, Field]:
+    return {name: tuple(field) if isinstance(field, list) else field for name, field in fields.items()}
+
+
+@contextmanager
+def _hdf5_errors(path: Path) -> Iterator[None]:
+    """Context manager that turns a `ReaderError` of its block into `FileError` with `path`, the cause and the remedy.
+
+    `FileError` also before the block, if `path` is no readable file.
+    """
+    require_readable(path)
+    try:
+        yield
+    except ReaderError as error:
+        if error.kind == "UnusableError":
+            raise FileError(f"{path}: {error}") from error
+        if error.kind == "MemoryError":
+            raise FileError(
+                f"{path}: does not fit in memory; read a part of it, or write it again if it is damaged"
+            ) from error
+        raise FileError(f"{path}: is damaged, cut short or not HDF5 ({error}); copy or write it again") from error
+
+
+def matlab_variables(path: Path) -> dict[str, Variable]:
+    """Variables in the MAT file at `path` by name: arrays, sparse matrices, texts and tuples of texts.
+
+    Fields of a struct are named ``name.field``. Variables of other kinds are passed over.
+
+    Raises
+    ------
+    FileError
+        If the file is not a MAT file, or is damaged.
+    """
+    path = require_readable(path)
+    if _is_73(path):
+        return dict(matlab_73_fields(path))
+    with damage_told(path, "a whole MAT file", _REMEDY):
+        try:
+            variables = read_in_child(path, "matlab")
+        except ReaderError as error:
+            raise FileError(f"{path}: is not a whole MAT file ({error}); {_REMEDY}") from error
+        return {name: _to_variable(value) for name, value in variables.items()}
+
+
+def _is_73(path: Path) -> bool:
+    """True if the MAT file at `path` is of version 7.3, which is HDF5."""
+    with path.open("rb") as stream:
+        head = stream.read(520)
+    return head.startswith((b"MATLAB 7.3", _HDF5_START)) or head[512:] == _HDF5_START
+
+
+def _to_variable(value: np.ndarray | str | list[str] | dict[str, np.ndarray]) -> Variable:
+    """The variable of `value` as the child process sent it: a sparse matrix from its parts, a tuple from a list, else unchanged."""
+    if isinstance(value, dict):
+        n_rows, n_columns = value["shape"].tolist()
+        return checked_sparse_matrix((n_rows, n_columns), value["starts"], value["rows"], value["values"])
+    return tuple(value) if isinstance(value, list) else value

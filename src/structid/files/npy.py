@@ -10,7 +10,7 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from structid.core.errors import FileError
-from structid.files.reading import damage_told, require_readable
+from structid.files import damage_told, require_readable
 
 _MAGIC = 8
 _DENSEST = 1032  # bytes that deflate can make of one

@@ -18,7 +18,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.files import DAMAGE, require_readable
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part, texts_of
+from structid.files.contained import hdf5_datasets, hdf5_fields, hdf5_part, texts_of
 from structid.files.npy import npy_header
 from structid.records.formats.bare import channel_units, require_option
 from structid.records.formats.layout import MARK

@@ -24,7 +24,7 @@ from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import Bytes, FieldError, chunks, fields_at, real_numbers, whole_numbers
 from structid.fem.importers.imported import ImportedMatrix
 from structid.files import damage_told
-from structid.files.matlab import matlab_variables
+from structid.files.contained import matlab_variables
 from structid.files.npy import npy_array, npz_arrays
 from structid.files.sparse import checked_sparse_matrix, coordinates
 

@@ -12,12 +12,11 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import as_real
-from structid.fem.meshes.bulk_cards import BulkText, Cards, bulk_text, cards_of
+from structid.fem.meshes.bulk_cards import SYSTEM_CARDS, BulkSystems, BulkText, Cards, bulk_text, cards_of
 from structid.fem.meshes.coordinate_systems import unit_normals
 from structid.fem.meshes.deck_parts import CellOffsets, DeckPart, DeckUnits, split_by_obstacle
 from structid.fem.meshes.mesh import CellBlock, Mesh
 from structid.fem.meshes.nastran_parts import PART_CARDS, read_parts
-from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 from structid.fem.supports import MiddleNode
 
 #: Corners and all nodes of each element card, and the cell types with them.

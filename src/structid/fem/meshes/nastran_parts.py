@@ -22,7 +22,7 @@ from structid.fem.meshes.averages import (
     rigid_constraints,
     solved_constraints,
 )
-from structid.fem.meshes.bulk_cards import BulkText, Cards
+from structid.fem.meshes.bulk_cards import BulkSystems, BulkText, Cards
 from structid.fem.meshes.deck_parts import (
     DeckPart,
     DeckSpring,
@@ -34,7 +34,6 @@ from structid.fem.meshes.deck_parts import (
     weights_along,
     weights_between,
 )
-from structid.fem.meshes.nastran_systems import BulkSystems
 from structid.fem.supports import Constraint, RigidLink
 
 _PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D", "PBUSHT", "PELAST")

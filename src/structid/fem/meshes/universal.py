@@ -15,8 +15,8 @@ import numpy as np
 from structid.core.errors import FileError
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
-from structid.files.uff import read_blocks, read_nodes, read_unit_factors
-from structid.files.uff.elements import read_elements, row_of_integers
+from structid.files.uff.datasets import read_blocks, read_unit_factors
+from structid.files.uff.geometry import read_elements, read_nodes, row_of_integers
 
 _GROUPS = (2435, 2452, 2467, 2477)
 _NODE, _ELEMENT = 7, 8

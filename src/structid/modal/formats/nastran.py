@@ -8,8 +8,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import FileError
-from structid.fem.meshes.bulk_cards import bulk_text, cards_of
-from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
+from structid.fem.meshes.bulk_cards import SYSTEM_CARDS, BulkSystems, bulk_text, cards_of
 from structid.files import damage_told, require_readable
 from structid.modal.formats.f06 import f06_modes
 from structid.modal.formats.op2 import op2_modes

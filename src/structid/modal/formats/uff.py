@@ -25,8 +25,8 @@ from structid.core.arrays import NumberArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
-from structid.files.uff import UffDataset, UniversalNodes, read_blocks, read_nodes, read_unit_factors
-from structid.files.uff.datasets import integers, read_reals
+from structid.files.uff.datasets import UffDataset, integers, read_blocks, read_reals, read_unit_factors
+from structid.files.uff.geometry import UniversalNodes, read_nodes
 from structid.modal.formats.options import ModeFileOptions
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
 from structid.records.formats.geometry import Geometry

@@ -18,7 +18,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoModesError, StoredSpectraError, UnnamedChannelsError
 from structid.core.provenance import Provenance
 from structid.files import digest
-from structid.files.uff import dataset_lines
+from structid.files.uff.datasets import dataset_lines
 from structid.modal.close_modes import NOT_TOLD_APART
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions

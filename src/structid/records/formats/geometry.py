@@ -9,8 +9,7 @@ from pathlib import Path
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.files.uff.datasets import UffDataset, integers, read_blocks, read_unit_factors
-from structid.files.uff.elements import read_elements
-from structid.files.uff.nodes import Point, read_nodes
+from structid.files.uff.geometry import Point, read_elements, read_nodes
 
 _REMEDY = "write node,x,y,z rows, and rows as line,1,2,3"
 

@@ -13,7 +13,7 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.files import atomic_write
-from structid.files.hdf5 import Field, hdf5_attributes, hdf5_datasets, hdf5_fields
+from structid.files.contained import Field, hdf5_attributes, hdf5_datasets, hdf5_fields
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, fields_of, record_from
 from structid.records.formats.options import ReadOptions

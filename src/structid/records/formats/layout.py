@@ -30,7 +30,7 @@ from structid.core.errors import FileError, InputError
 from structid.records.record import FrfRecord, TimeRecord
 
 if TYPE_CHECKING:
-    from structid.files.hdf5 import Field
+    from structid.files.contained import Field
 
 MARK = "structid_record"
 _FRF_MARK, _TIME_MARK = "frf 1", "time 1"

@@ -9,8 +9,7 @@ from scipy import sparse
 
 from structid.core.errors import FileError
 from structid.files import atomic_write
-from structid.files.hdf5 import Field
-from structid.files.matlab import matlab_variables
+from structid.files.contained import Field, matlab_variables
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, fields_of, record_from
 from structid.records.formats.options import ReadOptions

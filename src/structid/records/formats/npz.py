@@ -15,7 +15,7 @@ from structid.records.formats.selection import select_channels
 from structid.records.record import FrfRecord, TimeRecord
 
 if TYPE_CHECKING:
-    from structid.files.hdf5 import Field
+    from structid.files.contained import Field
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:

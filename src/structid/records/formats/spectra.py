@@ -13,8 +13,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_frequency_unit
 from structid.files import damage_told, require_readable
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields
-from structid.files.matlab import matlab_variables
+from structid.files.contained import hdf5_datasets, hdf5_fields, matlab_variables
 from structid.files.npy import npz_arrays
 from structid.records.formats import HDF5, MAT, NPZ, UFF
 from structid.records.formats.bare import channel_units, require_option

@@ -20,7 +20,7 @@ from structid.study.results.result import StudyResult
 if TYPE_CHECKING:
     import h5py
 
-    from structid.files.hdf5 import Field
+    from structid.files.contained import Field
     from structid.identification.modal_fit import ModalFit
 
 #: What a file of this version says of itself.
@@ -213,7 +213,7 @@ def stored_parameters(folder: Path) -> StoredParameters:
     """
     path = folder / "estimate.h5"
     fields = _stored_fields(folder, ("parameters/names", "parameters/values", "subdivide"))
-    from structid.files.hdf5 import texts_of  # writing needs no reader
+    from structid.files.contained import texts_of  # writing needs no reader
 
     try:
         names = texts_of(fields["parameters/names"])
@@ -251,6 +251,6 @@ def _stored_fields(folder: Path, names: Sequence[str]) -> dict[str, Field]:
     path = folder / "estimate.h5"
     if not path.is_file():
         raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
-    from structid.files.hdf5 import hdf5_fields  # writing needs no reader
+    from structid.files.contained import hdf5_fields  # writing needs no reader
 
     return hdf5_fields(path, names)

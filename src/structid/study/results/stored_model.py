@@ -14,7 +14,7 @@ from structid.core.dof import parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.core.units import FrfKind
 from structid.files import require_readable
-from structid.files.hdf5 import Field, hdf5_attributes, hdf5_fields, texts_of
+from structid.files.contained import Field, hdf5_attributes, hdf5_fields, texts_of
 from structid.prediction.identified_model import IdentifiedModel, identified_model
 from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord

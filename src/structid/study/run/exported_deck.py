@@ -13,9 +13,8 @@ import numpy as np
 from structid.core.display import join_words
 from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
-from structid.external.blocks import Card, cards_in, keywords_in
 from structid.external.deck import WIDTH, number_text
-from structid.external.marks import CardField, DeckPosition, KeywordEntry
+from structid.external.marks import Card, CardField, DeckPosition, KeywordEntry, cards_in, keywords_in
 from structid.fem import PointMass, Structure
 from structid.fem.elements import ELEMENT_TYPES
 from structid.fem.meshes import ABAQUS, NASTRAN, Mesh, read_mesh

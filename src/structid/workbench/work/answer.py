@@ -11,7 +11,7 @@ from structid.core.display import number
 from structid.core.dof import parse_dof
 from structid.core.errors import FileError
 from structid.core.json_types import StoredEntry
-from structid.files.hdf5 import hdf5_fields, texts_of
+from structid.files.contained import hdf5_fields, texts_of
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup

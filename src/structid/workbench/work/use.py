@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
 from structid.fem import Base
 from structid.fem.elements.element import dof_of_code
-from structid.files.hdf5 import hdf5_fields, texts_of
+from structid.files.contained import hdf5_fields, texts_of
 from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
 from structid.prediction.linear_response import is_support, movable_supports
 from structid.prediction.options import ExportOptions, PredictOptions

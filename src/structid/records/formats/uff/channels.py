@@ -17,7 +17,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FrfUnit, Unit, frf_unit_sides, parse_frf_unit, parse_unit
 from structid.files.uff.datasets import UnitFactors
-from structid.files.uff.nodes import UniversalNodes
+from structid.files.uff.geometry import UniversalNodes
 from structid.records.formats.options import option_words
 from structid.records.formats.uff.functions import Characteristics
 from structid.records.record import QUANTITY_UNITS

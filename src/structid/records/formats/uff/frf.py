@@ -15,7 +15,7 @@ from structid.core.dof import Dof, as_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_frf_unit
 from structid.files.uff.datasets import UnitFactors
-from structid.files.uff.nodes import UniversalNodes
+from structid.files.uff.geometry import UniversalNodes
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import states_unit
 from structid.records.formats.options import ReadOptions, option_words

@@ -18,7 +18,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_unit
 from structid.files.uff.datasets import UffDataset, UnitFactors, read_blocks, read_unit_factors
-from structid.files.uff.nodes import read_nodes
+from structid.files.uff.geometry import read_nodes
 from structid.records.formats.bare import channel_units
 from structid.records.formats.gaps import source_with_note
 from structid.records.formats.headers import is_read_by

@@ -13,7 +13,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_unit
 from structid.files.uff.datasets import UnitFactors
-from structid.files.uff.nodes import UniversalNodes
+from structid.files.uff.geometry import UniversalNodes
 from structid.records.formats.bare import channel_units
 from structid.records.formats.clocks import SURE, even_rate, resample, resampling_remedy
 from structid.records.formats.gaps import source_with_note, whole

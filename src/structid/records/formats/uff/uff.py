@@ -14,7 +14,7 @@ from structid.core.dof import DIRECTIONS
 from structid.core.errors import FileError, InputError, StoredSpectraError, about
 from structid.files import atomic_write
 from structid.files.uff.datasets import UffDataset, read_blocks, read_unit_factors
-from structid.files.uff.nodes import UniversalNodes, read_nodes
+from structid.files.uff.geometry import UniversalNodes, read_nodes
 from structid.records.formats.geometry import Geometry
 from structid.records.formats.named_channels import choose_columns
 from structid.records.formats.options import ReadOptions, option_words
