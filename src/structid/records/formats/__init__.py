@@ -1,8 +1,14 @@
-"""Records read from and written to files: one format a module, chosen by the suffix of the file; those of loggers are read only."""
+"""Records read from and written to files: one format a module, chosen by the suffix of the file; those of loggers are read only.
+
+Records that were read can be kept in memory, where a process looks at the same files again and again; none are by default.
+"""
 
 from __future__ import annotations
 
 import os
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +16,67 @@ import numpy as np
 from structid.core.errors import FileError, InputError, require_class
 from structid.files import damage_told, require_readable
 from structid.lazy import FormatModule
-from structid.records.formats.kept import keep_records, kept_or_read
-from structid.records.formats.logger_formats import LOGGERS, LoggerFormat
 from structid.records.formats.options import CsvLayout, ReadOptions
-from structid.records.record import FrfRecord, TimeRecord
+from structid.records.record import FrfRecord, Record, TimeRecord
+
+FileVersion = tuple[Path, int, int, ReadOptions]
+
+
+@dataclass(frozen=True)
+class LoggerFormat:
+    """A format that is read only.
+
+    Attributes
+    ----------
+    kind : str
+        Name of the format in `structid.files.loggers`.
+    SUFFIXES : tuple of str
+    extra : str
+        Extra of the installation of structid that brings the library of the format; "" where none is needed.
+    words : str
+        Name of such a file in messages.
+    """
+
+    kind: str
+    SUFFIXES: tuple[str, ...]
+    extra: str
+    words: str
+
+    def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
+        """The time record in the file at `path`; all of its channels share a clock.
+
+        Raises
+        ------
+        FileError
+            If the library is missing, or the file is damaged or holds no time histories.
+        InputError
+            If `options` do not fit, or the chosen channels have different clocks.
+        """
+        record: TimeRecord = _READER.read(path, options, self)
+        return record
+
+    def write(self, path: Path, record: FrfRecord | TimeRecord) -> None:
+        """Refuse: files of loggers are only read.
+
+        Raises
+        ------
+        FileError
+            Always.
+        """
+        raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
+
+
+LOGGERS: tuple[LoggerFormat, ...] = (
+    LoggerFormat("tdms", (".tdms",), "tdms", "TDMS"),
+    LoggerFormat("mdf", (".mf4", ".mdf"), "mdf", "MDF"),
+    LoggerFormat("miniseed", (".mseed", ".miniseed"), "miniseed", "miniSEED"),
+    LoggerFormat("lvm", (".lvm",), "", "LVM"),
+    LoggerFormat("wav", (".wav",), "", "WAV"),
+    LoggerFormat("parquet", (".parquet",), "parquet", "Parquet"),
+)
+_READER = FormatModule(
+    "structid.records.formats.loggers", tuple(suffix for logger in LOGGERS for suffix in logger.SUFFIXES)
+)
 
 NPZ = FormatModule("structid.records.formats.npz", (".npz",))
 HDF5 = FormatModule("structid.records.formats.hdf5", (".h5", ".hdf5"))
@@ -146,3 +209,53 @@ def write_record(path: str | os.PathLike[str], record: FrfRecord | TimeRecord) -
     if isinstance(record, FrfRecord) and record.decay is not None:
         raise InputError(f"{path}: FRFs with `decay` cannot be written; write the record that they were made from")
     _format_of(path).write(path, record)
+
+
+class _Kept:
+    """Cache of the records read last, at most `most` bytes."""
+
+    def __init__(self) -> None:
+        self.most = 0
+        self.records = OrderedDict[FileVersion, Record]()
+
+
+_kept = _Kept()
+
+
+def keep_records(most_bytes: int) -> None:
+    """Cache records in memory from now on, those read last up to `most_bytes` in all; 0 empties and ends the cache."""
+    _kept.most = most_bytes
+    _forget()
+
+
+def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -> Record:
+    """The cached record of the file at `path` if file and `options` are unchanged; else the result of `read()`.
+
+    That result is cached, unless it is too large or the file changed while it was read.
+    """
+    key = _mark(path, options)
+    record = _kept.records.get(key)
+    if record is None:
+        record = read()
+        if record_bytes(record) > _kept.most or _mark(path, options) != key:
+            return record
+        _kept.records[key] = record
+        _forget()
+    _kept.records.move_to_end(key)
+    return record
+
+
+def _mark(path: Path, options: ReadOptions) -> FileVersion:
+    """Key of a file's content and of the way it is read: absolute path, time of change, size and options."""
+    stamp = path.stat()
+    return path.absolute(), stamp.st_mtime_ns, stamp.st_size, options
+
+
+def _forget() -> None:
+    while sum(map(record_bytes, _kept.records.values())) > _kept.most:
+        _kept.records.popitem(last=False)
+
+
+def record_bytes(record: object) -> int:
+    """Total size of the arrays in a record, in bytes."""
+    return sum(value.nbytes for value in vars(record).values() if isinstance(value, np.ndarray))

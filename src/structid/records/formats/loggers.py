@@ -17,9 +17,9 @@ from structid.core.errors import FileError, InputError
 from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
 from structid.files.lvm import OtherContentError
+from structid.records.formats import LoggerFormat
 from structid.records.formats.clocks import SURE, resample, resampling_remedy
 from structid.records.formats.headers import is_time
-from structid.records.formats.logger_formats import LoggerFormat
 from structid.records.formats.named_channels import (
     NamedChannels,
     choose_columns,

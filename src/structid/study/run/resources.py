@@ -20,7 +20,7 @@ from structid.forward.frf.products import STORED_BYTES
 from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
 from structid.inversion import Method
-from structid.records.formats.kept import record_bytes
+from structid.records.formats import record_bytes
 from structid.study.run.start import prepare_study
 from structid.study.schema.study import Study
 
