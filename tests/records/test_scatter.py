@@ -10,7 +10,7 @@ import pytest
 from structid import IdentifyOptions, PointMass, Spring, Structure, Unknown, explain, identify, parameters
 from structid.identification.setups.frf import Setup
 from structid.records import FrfRecord, with_declared_noise
-from structid.records.scatter import line_scatter, missing_floor, with_noise_floor
+from structid.records.noise_floor import line_scatter, missing_floor, with_noise_floor
 
 _FREQUENCY = np.linspace(5.0, 150.0, 600)
 _MASSES, _STIFFNESSES = np.diag([2.0, 1.5, 1.0]), (4e5, 3e5, 2e5)

@@ -20,8 +20,8 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.record_fit import FittedUnknowns, RecordFit, Truncation, frf_truncation, record_fit
 from structid.identification.setups.setup import Prepared, RecordSetup, record_warnings
 from structid.records import FrfRecord
+from structid.records.noise_floor import missing_floor, with_noise_floor
 from structid.records.quality import Finding
-from structid.records.scatter import missing_floor, with_noise_floor
 from structid.unknowns import Parameters
 
 _RELATIVE_WEIGHT = 0.1

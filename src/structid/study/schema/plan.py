@@ -22,7 +22,7 @@ from structid.inversion.search.work import SERIAL, TaskExecutor
 from structid.planning.plan import plan, resolve_options
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
-from structid.records.scatter import missing_floor
+from structid.records.noise_floor import missing_floor
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
