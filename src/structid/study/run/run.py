@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.errors import InputError, NoAnswerError, SingularModelError, require_class
-from structid.diagnose.checks.mesh import mesh_warnings
+from structid.diagnose.checks.mesh import checked_mesh, mesh_warnings
 from structid.diagnose.thresholds import NOISE_TOLERANCE
 from structid.forward.modal import compares_modes
 from structid.identification.identify import identify_together
@@ -29,7 +29,13 @@ from structid.inversion.estimate import Goodness
 from structid.inversion.search.work import SERIAL, StageProgress, TaskExecutor
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.resources import require_room
-from structid.study.run.start import PreparedStudy, compare_with_models, prepare_study, with_pieces
+from structid.study.run.start import (
+    PreparedStudy,
+    compare_with_models,
+    pieces_for_band,
+    prepare_study,
+    with_pieces,
+)
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import Study
 
@@ -129,24 +135,36 @@ def refine_mesh(
         if halved is not None:
             words = kept_words(drawn, halved.identification, 2, mesh.needed)
             return ready, _with_mesh_words(result, (words, fixed_mesh), "", True)
+    of_band = 1 if _is_right(drawn.estimate.goodness) else _pieces_at_start(drawn_study)
     while not mesh.is_enough and not mesh.obstacle:
+        pieces, near = mesh.needed, mesh.finer_minimum
+        if count == 1 and of_band > pieces:
+            pieces, near = of_band, {}
         try:
-            study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
+            study, setups = with_pieces(ready.study, ready.setups, pieces)
             finer = compare_with_models(study, setups)
-            divided = run_prepared(finer, progress, work, mesh.finer_minimum)
+            divided = run_prepared(finer, progress, work, near)
         except (InputError, NoAnswerError, SingularModelError) as error:
-            mesh = replace(mesh, obstacle=f"{mesh.needed} pieces cannot be identified ({error})")
+            mesh = replace(mesh, obstacle=f"{pieces} pieces cannot be identified ({error})")
             break
         if divided.identification.estimate.status is Status.NOT_CONVERGED:
-            mesh = replace(mesh, obstacle=f"with {mesh.needed} pieces the search does not converge")
+            mesh = replace(mesh, obstacle=f"with {pieces} pieces the search does not converge")
             break
         if _fits_only_as_drawn(drawn.estimate.goodness, divided.identification.estimate.goodness):
-            words = kept_words(drawn, divided.identification, mesh.needed, mesh.needed)
+            words = kept_words(drawn, divided.identification, pieces, pieces)
             return drawn_study, _with_mesh_words(drawn_result, (words, fixed_mesh), "", True)
-        ready, result, count = finer, divided, mesh.needed
+        ready, result, count = finer, divided, pieces
         mesh = judge_pieces(ready.setups, result.identification, options, count)
     division = "" if count == 1 else division_words(drawn, result.identification, count)
     return ready, _with_mesh_words(result, (division, fixed_mesh), mesh.warning, mesh.is_enough and not fixed_mesh)
+
+
+def _pieces_at_start(drawn: PreparedStudy) -> int:
+    """Number of pieces with which the initial model has the modes in the band of the first record right, from 1 on.
+
+    With fewer the model lacks modes, and the search may end far from the minimum that more pieces have.
+    """
+    return pieces_for_band(drawn, checked_mesh(drawn.setups[0], drawn.problems[0]))
 
 
 def _identified_in_halves(
