@@ -26,6 +26,15 @@ def test_peaks_are_found_and_paired(kind):
     assert np.isnan(found[2].predicted)
 
 
+def test_a_peak_of_the_model_need_not_stand_out_like_one_of_noise():
+    """A measured peak that stands out threefold: the model's, which stands out less, is paired, and not one 8 % away."""
+    measured, weaker = (accelerance(10.0, 11.0) + weight * accelerance(12.0) for weight in (0.3, 0.2))
+    record = FrfRecord(FREQUENCY, measured, ("1X",), ("1X",), "accelerance")
+    found = resonances(record, weaker)
+    assert len(found) == 3
+    assert [r.predicted for r in found] == pytest.approx([r.measured for r in found], rel=2e-3)
+
+
 def test_a_smooth_record_has_none():
     record = FrfRecord(FREQUENCY, np.ones((len(FREQUENCY), 1, 1)) * (1 + 0.1j), ("1X",), ("1X",), "accelerance")
     assert resonances(record, record.values) == ()

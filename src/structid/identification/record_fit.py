@@ -66,7 +66,8 @@ def rounding_warnings(rounding: FloatArray) -> list[str]:
 
 #: Damping ratio that a resonance is taken to have at least where its half-bandwidth is a measure.
 LEAST_DAMPING = 0.001
-_PROMINENCE = np.log(3.0)
+_PROMINENCE = np.log(3.0)  # of a measured peak, whose sides are noisy
+_MODEL_PROMINENCE = np.log(1.5)  # of a peak of a model, which has no noise
 _FARTHEST = 0.15
 
 
@@ -90,7 +91,7 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     """Peaks of the measured FRFs, each with the nearest peak of the model within 15 % in frequency (Hz).
 
     NaN if there is none. A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands
-    out by a factor of three and exceeds half of the sum of abs(H).
+    out by a factor of three, that of a model by 1.5, and exceeds half of the sum of abs(H).
 
     Parameters
     ----------
@@ -99,7 +100,8 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     predicted : (n_frequencies, n_outputs, n_inputs) complex array
         FRFs of the model at the same lines.
     """
-    measured, model = (peaks(record.frequency, h, record.kind) for h in (record.values, predicted))
+    measured = peaks(record.frequency, record.values, record.kind)
+    model = peaks(record.frequency, predicted, record.kind, _MODEL_PROMINENCE)
     matched = []
     for peak in measured:
         near = model[np.abs(model - peak) <= _FARTHEST * peak]
@@ -108,11 +110,11 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
     return tuple(matched)
 
 
-def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
+def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind, prominence: float = _PROMINENCE) -> FloatArray:
     """Frequencies (Hz) of the resonance peaks of FRFs, (n_peaks,), interpolated by a parabola through three logarithms.
 
-    A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands out by a factor of
-    three on both sides and exceeds half of the sum of abs(H). Empty for fewer than five lines.
+    A peak is a maximum of the sum over channels of abs(Im H) (abs(Re H) for mobility) that stands out on both sides by
+    the `prominence` and exceeds half of the sum of abs(H). Empty for fewer than five lines.
 
     Parameters
     ----------
@@ -122,13 +124,15 @@ def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatAr
         FRFs H.
     kind : FrfKind
         Kind of the FRFs.
+    prominence : float
+        Natural logarithm of the factor; by default that of three.
     """
     indicator = np.abs(values.real if kind == "mobility" else values.imag).sum(axis=(1, 2))
     size = np.abs(values).sum(axis=(1, 2))
     if len(indicator) < 5:
         return np.zeros(0)
     level = np.log(np.maximum(np.maximum(indicator, 0.5 * size), np.finfo(float).tiny))
-    index = prominent(level, _PROMINENCE)
+    index = prominent(level, prominence)
     index = index[indicator[index] > 0.5 * size[index]]
     before, here, after = level[index - 1], level[index], level[index + 1]
     bend = before - 2 * here + after
