@@ -131,6 +131,26 @@ def test_modes_that_the_drawn_elements_lack_are_told_with_the_pieces_that_have_t
     assert not any("smaller elements" in words for words in stated.warnings)
 
 
+def test_a_search_without_the_modes_of_the_band_is_begun_anew_with_the_pieces_that_have_them(
+    tmp_path, record, monkeypatch
+):
+    """The second search has the pieces of a check, and the starts of the study instead of what the first one found."""
+    tried = []
+    run_prepared = study_run.run_prepared
+
+    def run(ready, progress=None, work=None, near=None):
+        tried.append((ready.setups[0].structure.subdivide, dict(near or {})))
+        return run_prepared(ready, progress, work, near)
+
+    monkeypatch.setattr(study_run, "run_prepared", run)
+    single = sid.FrfRecord(record.frequency, record.values[:, 1:], ("2Y",), ("2Y",), "accelerance")
+    text = STUDY.replace("1 = 1.0\n", "").replace("[[0, 1], [1, 2]]", "[[0, 2]]")
+    study = load_study(written(tmp_path, single, text))
+    estimate = run_study(study).identification.estimate
+    assert tried[:2] == [(1, {}), (check_study(study).study.structure.subdivide, {})]
+    np.testing.assert_array_less(np.abs(estimate.values - [BENDING, HOLD]), 3 * estimate.std)
+
+
 @pytest.mark.parametrize(("pieces", "tolerances"), [(8, EXACT), (3, None)])
 def test_the_shift_that_is_said_is_what_a_finer_mesh_does_to_the_answer(record, pieces, tolerances):
     """Two identifications of one record, one with twice the pieces: values apart by what the first says of itself.
