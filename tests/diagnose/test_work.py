@@ -11,7 +11,7 @@ from structid.diagnose import modified_model, refits, search, search_budget
 from structid.diagnose.causes import DryFriction, Mass
 from structid.diagnose.explain import unfinished_words
 from structid.diagnose.modified_model import base_model
-from structid.diagnose.refits import FittedModel, fit_mirrored, fit_near
+from structid.diagnose.refits import FittedModel, fit_fully, fit_mirrored, fit_near, n_parameters, restore_fit
 from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.search_budget import (
     METER,
@@ -25,7 +25,14 @@ from structid.diagnose.search_budget import (
     map_within_budget,
 )
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.thresholds import FINALISTS, FIRST_CAUSE_TIME, IDENTIFICATIONS, RESERVED_PLACES, SEARCH_EFFORT
+from structid.diagnose.thresholds import (
+    FAR_BEHIND,
+    FINALISTS,
+    FIRST_CAUSE_TIME,
+    IDENTIFICATIONS,
+    RESERVED_PLACES,
+    SEARCH_EFFORT,
+)
 from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import PLAIN_CONTEXT, SERIAL
@@ -231,12 +238,49 @@ def test_other_pairs_are_looked_for_as_long_as_the_budget_allows_one_more(base, 
 
     monkeypatch.setattr(FittedModel, "is_misfit", True)
     monkeypatch.setattr(search, "_is_far", lambda one: False)
+    monkeypatch.setattr(search, "_on_finer_mesh", lambda first, work: None)
     monkeypatch.setattr(search, "_beside", beside)
     monkeypatch.setattr(search, "_from_second", take)
     monkeypatch.setattr(search, "_from_next", take)
     pair = search._paired(first, SERIAL, budget)
     assert (len(efforts), pair.is_single) == (n_more, is_single)
     assert efforts == pytest.approx([10.0 * (k + 1) for k in range(n_more)])
+
+
+def test_a_finer_mesh_is_tried_before_all_other_second_causes(tmp_path, monkeypatch):
+    """The record is that of lines in three pieces; the study draws one."""
+    finer = load_study(written(tmp_path, off(), TRUTH.replace("subdivide = 1", "subdivide = 3")))
+    ready = prepare_study(finer)
+    estimate = run_prepared(ready).identification.estimate
+    problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
+    model = base_model(TestedModel(ready.setups, finer.options), problems, estimate.theta)
+    coarse = FittedModel(model, estimate.theta, estimate.goodness.chi_square)
+    forgotten = Mass(where=("4",))
+    start = model.changed(forgotten, 0.3).theta_of(coarse.values)
+    first = restore_fit(coarse, forgotten, fit_fully(coarse, (forgotten, 0.3, start), PLAIN_CONTEXT))
+    assert first.is_misfit
+
+    def search_all(*arguments):
+        raise AssertionError("all second causes are searched")
+
+    monkeypatch.setattr(search, "_beside", search_all)
+    pair = search._paired(Explanation(coarse, (first,), (0.0,), 1), SERIAL, UNLIMITED)
+    assert [one.cause.kind for one in pair.further.causes] == ["mesh"]
+    assert not pair.further.causes[0].is_misfit
+    assert pair.causes == (first,)
+    other = Mass(where=("2",))
+    wrong = restore_fit(coarse, other, fit_fully(coarse, (other, 0.3, start), PLAIN_CONTEXT))
+    assert search._on_finer_mesh(wrong, SERIAL) is None
+
+
+def test_near_fits_far_behind_the_best_are_not_refitted(base):
+    several = [(Mass(where=("4",)), 0.3), (Mass(where=("5",)), 0.3), (DryFriction(where=("4X",)), 0.1)]
+    least = np.array(base.near.costs) / 100
+    room = FAR_BEHIND * (least + n_parameters(base.modified))
+    near = [{"costs": costs, "chi_square": costs[-1]} for costs in (least, 1.01 * room, 1.01 * room)]
+    assert search._within_reach(base, [0, 1, 2], several, near) == [0, 2]
+    near[1] = {"costs": 0.99 * room, "chi_square": 0.99 * room[-1]}
+    assert search._within_reach(base, [0, 1, 2], several, near) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("page", ["CHANGELOG.md", "docs/explain.md", "src/structid/workbench/static/steps/run.js"])

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from structid.core.arrays import FloatArray
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
 from structid.diagnose.causes import residual_candidates
@@ -17,6 +18,7 @@ from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.fixed_value import FixedValue
 from structid.diagnose.causes.joint import FlexibleJoint
 from structid.diagnose.causes.mass import Mass
+from structid.diagnose.causes.mesh import CoarseMesh
 from structid.diagnose.causes.outlying_lines import OutlyingLines
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
 from structid.diagnose.causes.spring import SpringToGround
@@ -203,12 +205,17 @@ def _first(explanation: Explanation, item: RefitTask, work: TaskExecutor) -> Fit
 def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) -> Explanation:
     """Explanation with a second change in addition to the first, or with another pair if that leaves more than noise.
 
+    A finer mesh is tried first, whatever is left of the budget; if it leaves only noise, nothing else is searched for.
     At most four other pairs are tried, and the best is taken. With the second given, another first is searched for: a
     change that only resembles the first of two faults loses its effect once the second is known. Where that brings
     nothing, a second is searched for with the next of the first causes. If the second explains as much alone, it is
     returned as the only cause. Where the budget ends the search, `is_single` is set. `explanation` has the first
     causes; `work` and `budget` run and limit the fits.
     """
+    finer = _on_finer_mesh(explanation.causes[0], work)
+    if finer is not None:
+        pair = replace(explanation, further=finer)
+        return _second_alone(explanation, pair, work) or pair
     if not budget.allows(explanation.spent, 0.5):
         return replace(explanation, is_single=True)
     second = _beside(explanation.causes[0], work, "second ", budget)
@@ -235,6 +242,23 @@ def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) 
         )
         pair, is_from_second = better or pair, better is not None
     return _second_alone(explanation, pair, work) or pair
+
+
+def _on_finer_mesh(first: FittedModel, work: TaskExecutor) -> Explanation | None:
+    """Explanation of what a first cause leaves by the mesh, where a finer one leaves only noise; None otherwise.
+
+    None too where the mesh is the first cause. The mesh was made for the wrong model, only as fine as its misfit asked
+    for: with the cause known, its error may be all that shows. `work` runs the fit.
+    """
+    if isinstance(first.cause, CoarseMesh):
+        return None
+    clock, changed = SearchBudget(), first.modified
+    meshes = [(one, float(one.strengths[0])) for one in CoarseMesh.from_model(changed.model, changed.problems)]
+    fits = _refits(first, _begun(changed, meshes, first.values), work, "the likeliest cause on a finer mesh")
+    if not fits or fits[0].is_misfit:
+        return None
+    found = _weighed(first, fits, len(meshes))
+    return replace(found, spent=clock.spent) if found.causes else None
 
 
 def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecutor) -> Explanation | None:
@@ -381,7 +405,7 @@ def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: Sear
     approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
     near = [one or StoredFit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["chi_square"]))
-    finalists = _finalists(order, [candidate for candidate, _ in changes])
+    finalists = _finalists(_within_reach(base, order, changes, near), [candidate for candidate, _ in changes])
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
@@ -397,6 +421,23 @@ def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: Sear
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]
     return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
+
+
+def _within_reach(
+    base: FittedModel, order: Sequence[int], changes: Sequence[CandidateOfStrength], near: Sequence[StoredFit]
+) -> list[int]:
+    """Those of the positions in `order` whose quick fits, in `near`, are not far behind the best; reserved places stay.
+
+    Most quick fits were made before the best one was known. `changes` has the candidate of each, and `base` is the fit
+    without them.
+    """
+    fits = [(changes[k][0], near[k]) for k in order]
+    far = _far_behind(base, fits)[-1] if base.near is not None else np.inf
+    return [
+        k
+        for k, (candidate, fit) in zip(order, fits, strict=True)
+        if candidate.has_reserved_place or fit["chi_square"] - base.left_out <= far
+    ]
 
 
 def _finalists(order: Sequence[int], several: Sequence[Candidate]) -> list[int]:
@@ -494,13 +535,23 @@ def _near_limits(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]])
     """
     if base.near is None:
         return ()
-    costs = [base.near.costs, *(fit["costs"] for candidate, fit in fits if not candidate.leaves_data_out)]
-    far = FAR_BEHIND * (
-        np.array([row for row in costs if len(row) == len(base.near.costs)]).min(axis=0) + n_parameters(base.modified)
-    )
+    far = _far_behind(base, fits)
     sizes = sorted(fit["chi_square"] - base.left_out for candidate, fit in fits if not candidate.has_reserved_place)
     nothing = (1 - LEAST_DROP) * base.near.chi_square
     return *far[:-1].tolist(), min(far[-1], nothing, *sizes[FINALISTS - 1 : FINALISTS])
+
+
+def _far_behind(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]]) -> FloatArray:
+    """Sums of squares (n_stages,) above which a quick fit is far behind the best of `fits`, or that without a change.
+
+    They are 4 times the least of each stage plus the number of parameters. Fits that leave data out, and those of other
+    stages, do not count. `base` is the fit without a change, and must have a quick fit.
+    """
+    assert base.near is not None
+    costs = [base.near.costs, *(fit["costs"] for candidate, fit in fits if not candidate.leaves_data_out)]
+    least = np.array([row for row in costs if len(row) == len(base.near.costs)]).min(axis=0)
+    far: FloatArray = FAR_BEHIND * (least + n_parameters(base.modified))
+    return far
 
 
 def _refits(
