@@ -255,9 +255,13 @@ def test_a_finer_mesh_is_tried_before_all_other_second_causes(tmp_path, monkeypa
     problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
     model = base_model(TestedModel(ready.setups, finer.options), problems, estimate.theta)
     coarse = FittedModel(model, estimate.theta, estimate.goodness.chi_square)
-    forgotten = Mass(where=("4",))
-    start = model.changed(forgotten, 0.3).theta_of(coarse.values)
-    first = restore_fit(coarse, forgotten, fit_fully(coarse, (forgotten, 0.3, start), PLAIN_CONTEXT))
+    forgotten, other = Mass(where=("4",)), Mass(where=("2",))
+
+    def refit(mass):
+        near = fit_near(coarse, (mass, 0.3, ()), PLAIN_CONTEXT)
+        return restore_fit(coarse, mass, fit_fully(coarse, (mass, 0.3, near["theta"]), PLAIN_CONTEXT))
+
+    first = refit(forgotten)
     assert first.is_misfit
 
     def search_all(*arguments):
@@ -268,9 +272,7 @@ def test_a_finer_mesh_is_tried_before_all_other_second_causes(tmp_path, monkeypa
     assert [one.cause.kind for one in pair.further.causes] == ["mesh"]
     assert not pair.further.causes[0].is_misfit
     assert pair.causes == (first,)
-    other = Mass(where=("2",))
-    wrong = restore_fit(coarse, other, fit_fully(coarse, (other, 0.3, start), PLAIN_CONTEXT))
-    assert search._on_finer_mesh(wrong, SERIAL) is None
+    assert search._on_finer_mesh(refit(other), SERIAL) is None
 
 
 def test_near_fits_far_behind_the_best_are_not_refitted(base):
