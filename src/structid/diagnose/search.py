@@ -426,10 +426,10 @@ def _search_once(base: FittedModel, work: TaskExecutor, which: str, budget: Sear
 def _within_reach(
     base: FittedModel, order: Sequence[int], changes: Sequence[CandidateOfStrength], near: Sequence[StoredFit]
 ) -> list[int]:
-    """Those of the positions in `order` whose quick fits, in `near`, are not far behind the best; reserved places stay.
+    """Positions, in `order`, of changes whose quick fits are not far behind the best, or that have a reserved place.
 
-    Most quick fits were made before the best one was known. `changes` has the candidate of each, and `base` is the fit
-    without them.
+    Most quick fits were made before the best one was known. `changes` has the candidates, `near` their quick fits, and
+    `base` is the fit without them.
     """
     fits = [(changes[k][0], near[k]) for k in order]
     far = _far_behind(base, fits)[-1] if base.near is not None else np.inf
