@@ -26,7 +26,8 @@ from structid import (
 )
 from structid.dynamics.normal_modes import modes
 from structid.forward import FrfProblem, ModalProblem, ModalSettings
-from structid.forward.modal.output import pairing
+from structid.forward.modal.measured import GroupData
+from structid.forward.modal.output import _frequencies_of_group, pairing
 from structid.forward.modal.problem import influence_by_kind, of_form, shape_residual
 from structid.inversion import JointProblem
 from structid.modal.modal_record import ModalChanges
@@ -570,3 +571,34 @@ def test_joint_problem_counts_each_record_by_its_own_errors():
     twice = JointProblem((alone, ModalProblem(structure, unknown, record)))
     one, two = (estimate(problem).spread.covariance_noise for problem in (alone, twice))
     np.testing.assert_allclose(two, one / 2, rtol=1e-6)
+
+
+def test_close_modes_of_nearly_one_measured_shape_have_finite_slopes():
+    """A^-1 Lambda A of eigenvalues 1 and 9 has the diagonal (-3, 13): the first counts as its floor, with no slope."""
+    eigenvalues, a = np.array([1.0, 9.0]), np.array([[3.0, 1.0], [-1.0, -1.0]])
+    turned = np.linalg.inv(a) @ (eigenvalues[:, None] * a)
+    group = GroupData(np.arange(2), np.arange(2), eigenvalues, a, np.ones(2), np.ones((2, 2)))
+    slope = np.random.default_rng(0).standard_normal((2, 2, 3))
+    frequency, d_frequency, _, _ = _frequencies_of_group(eigenvalues, slope, a, np.zeros((2, 2, 3)), group)
+    clipped = np.diagonal(turned) < 0
+    assert clipped.sum() == 1
+    np.testing.assert_array_equal(d_frequency[clipped], 0.0)
+    assert (2 * np.pi * frequency[clipped])[0] == pytest.approx(1e-3)
+    assert (2 * np.pi * frequency[~clipped])[0] == pytest.approx(np.sqrt(np.diagonal(turned)[~clipped][0]))
+
+
+def test_modes_that_sensors_see_by_rounding_alone_are_not_paired():
+    """Along X a tower has two modes; the other two move its sensors by 1e-12 of these, in shapes like those measured."""
+    structure = tower(1.3)
+    unknown = stiffnesses(structure)
+    record = measured(structure, unknown.values(unknown.start), ["1X", "2X"], 2)
+    problem = ModalProblem(structure, unknown, record)
+    state = problem.model.state(problem.physical(problem.theta_start))
+    motion = np.abs(state.seen).max(axis=0)
+    along = np.flatnonzero(motion > 0.1 * motion.max())
+    assert len(along) == 2
+    shapes = state.modes.mode_shapes.copy()
+    moved = np.flatnonzero(state.sensors.any(axis=1))
+    shapes[np.ix_(moved, np.setdiff1d(np.arange(4), along))] = 1e-12 * shapes[np.ix_(moved, along)]
+    blurred = replace(state, modes=replace(state.modes, mode_shapes=shapes))
+    assert set(pairing(problem.data, blurred, False)) == set(along)

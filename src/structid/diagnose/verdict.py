@@ -861,8 +861,10 @@ def _missed(measured: float, predicted: float, distance: float) -> tuple[float, 
 
     `measured` and `predicted` are its frequencies in Hz.
     """
-    share = 100 * abs(predicted / measured - 1)
-    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} times half its resonance width"
+    part = percent(abs(predicted / measured - 1), 2, signed=False)
+    words = (
+        f"the model misses the resonance at {measured:.4g} Hz by {part}, {distance:.1f} times half its resonance width"
+    )
     return float(distance), words
 
 

@@ -19,6 +19,11 @@ from structid.similarity import assign_pairs, mac_with_model, pairing_worth
 _DENSE_UP_TO = 600
 #: Of the largest motion of the sensors in any mode, what the sensors see of a mode that counts in the order.
 _SEEN = 0.01
+#: Of the least eigenvalue of a group, the least diagonal entry of A^-1 Lambda A that counts as a squared frequency:
+#: where measured shapes of a group are nearly one, entries become negative.
+_FLOOR = 1e-6
+#: The same as `_SEEN` for a mode that moves a sensor at all: less is rounding, as of the torsion of a tower at its sensors.
+_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +232,8 @@ def _frequencies_of_group(
 
     The order is frequencies (m,), slope, off-diagonal (m, m), slope; slopes have the parameters last. `eigenvalues`
     (m,) are the diagonal of Lambda, `a` is A (m, m); `d_lambda` and `d_a` (m, m, n_params) are the slopes of Lambda and
-    A; `group` gives the standard deviations. For a single mode T is Lambda.
+    A; `group` gives the standard deviations. Diagonal entries below a floor count as the floor, with a slope of 0. For a
+    single mode T is Lambda.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)
@@ -236,8 +242,10 @@ def _frequencies_of_group(
     inner = np.einsum("klp,lr->krp", d_lambda, a) + eigenvalues[:, None, None] * d_a
     d_turned = np.einsum("sk,krp->srp", inverse, inner - np.einsum("klp,lr->krp", d_a, turned))
     diagonal = np.arange(len(eigenvalues))
-    omega = np.sqrt(np.maximum(turned[diagonal, diagonal], np.finfo(float).tiny))
-    d_omega = d_turned[diagonal, diagonal] / (2 * omega[:, None])
+    floor = max(_FLOOR * float(eigenvalues.min()), np.finfo(float).tiny)
+    squared = turned[diagonal, diagonal]
+    omega = np.sqrt(np.maximum(squared, floor))
+    d_omega = np.where(squared[:, None] > floor, d_turned[diagonal, diagonal], 0.0) / (2 * omega[:, None])
     size = group.mixing_std * np.sqrt(np.outer(group.eigenvalues, group.eigenvalues))
     off = 1.0 - np.eye(len(eigenvalues))
     scale = off / np.where(off > 0, size, 1.0)
@@ -281,12 +289,13 @@ def unpaired_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, Fl
 def _visible_modes(data: MeasuredModes, state: ModelState) -> tuple[IntArray, FloatArray, NDArray[np.bool_]]:
     """Indices of model modes that can be paired, largest sensor motion in each mode, and modes without shape.
 
-    The indices (n_use,) are ascending: modes that move a sensor, or all if a measured mode has no known shape entry,
-    above a thousandth of the lowest measured frequency. The motion is (n_model,), of all model modes. The last is a
-    mask (n_measured,) of the measured modes without a known shape entry.
+    The indices (n_use,) are ascending: modes that move a sensor by more than rounding, or all if a measured mode has no
+    known shape entry, above a thousandth of the lowest measured frequency. The motion is (n_model,), of all model
+    modes, 0 where it is rounding. The last is a mask (n_measured,) of the measured modes without a known shape entry.
     """
     is_bare = np.asarray(np.isnan(data.shapes[:, data.measured]).all(axis=0))
     motion = np.abs(state.seen).max(axis=0, initial=0.0)
+    motion = np.where(motion > _ROUNDING * motion.max(initial=0.0), motion, 0.0)
     counts = (motion > 0) | is_bare.any()
     return np.flatnonzero((state.modes.frequency > 1e-3 * data.frequency.min()) & counts), motion, is_bare
 
