@@ -56,6 +56,8 @@ COMPARE_PAGE = "compare.html"
 
 
 class _Settings(TypedDict):
+    """Settings of the comparison of two states, as `compare_states` takes them."""
+
     level: float
     power: float
     correction: Correction

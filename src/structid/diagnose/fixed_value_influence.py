@@ -77,9 +77,9 @@ class FixedValueSensitivity:
     @property
     def moved_words(self) -> str:
         """Clause on the parameter that moves most, in its standard deviations, if the fixed value is 1 % larger."""
-        at = self.most_moved
-        size = f"{abs(self.distance[at]):.2g}"
-        moved = f"{self.parameters[at]} would be {_percent(0.01 * self.influence[at])}"
+        index = self.most_moved
+        size = f"{abs(self.distance[index]):.2g}"
+        moved = f"{self.parameters[index]} would be {_percent(0.01 * self.influence[index])}"
         return f"with {self.name} 1 % larger, {moved} ({size} standard deviation{'' if size == '1' else 's'})"
 
     @property
@@ -99,10 +99,10 @@ class FixedValueSensitivity:
                 f" which all frequencies read {abs(100 * off):.2g} % too {'high' if off > 0 else 'low'}: do not rely on the"
                 " stiffnesses before both are checked"
             )
-        at = self.moved_by_pull
-        if at is None:
+        index = self.moved_by_pull
+        if index is None:
             return words
-        return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
+        return f"{words}, and then {self.parameters[index]} {_percent(self.influence[index] * self.pull)}"
 
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
         """True if the record prefers another value beyond chance and three tolerances, and a parameter would move.
@@ -122,8 +122,8 @@ def _percent(part: float) -> str:
 
 def doubted(sensitivities: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
     """The fixed values for which the record prefers other values (`is_doubted`): what a clock explains, then the clearest first."""
-    found = [one for one in sensitivities if one.is_doubted(len(sensitivities))]
-    return tuple(sorted(found, key=lambda one: (not one.is_like_clock, -abs(one.pull / one.pull_std))))
+    doubtful = [one for one in sensitivities if one.is_doubted(len(sensitivities))]
+    return tuple(sorted(doubtful, key=lambda one: (not one.is_like_clock, -abs(one.pull / one.pull_std))))
 
 
 def resting(sensitivities: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
@@ -190,12 +190,12 @@ def influences(
     """
     r = triangle_of(np.column_stack([jacobian, residual]))
     n_params = len(parameters)
-    own = r[:n_params, :n_params]
-    if not np.abs(np.diag(own)).min(initial=np.inf) > _TOLD * np.linalg.norm(own, axis=0).max(initial=0.0):
+    triangle = r[:n_params, :n_params]
+    if not np.abs(np.diag(triangle)).min(initial=np.inf) > _TOLD * np.linalg.norm(triangle, axis=0).max(initial=0.0):
         return ()
-    inverse = np.linalg.inv(own)
+    inverse = np.linalg.inv(triangle)
     columns, rest = r[:, n_params:-1], r[n_params:, -1]
-    found = []
+    sensitivities = []
     for name, column in zip(names, columns.T, strict=True):
         size, off = float(np.linalg.norm(column)), column[n_params:]
         if size == 0:
@@ -204,5 +204,7 @@ def influences(
         is_told = left > _TOLD * size
         influence = -inverse @ column[:n_params]
         pull, deviation = (-float(off @ rest) / left**2, scale / left) if is_told else (np.nan, np.nan)
-        found.append(FixedValueSensitivity(name, tuple(parameters), influence, 0.01 * influence / std, pull, deviation))
-    return tuple(found)
+        sensitivities.append(
+            FixedValueSensitivity(name, tuple(parameters), influence, 0.01 * influence / std, pull, deviation)
+        )
+    return tuple(sensitivities)

@@ -235,7 +235,7 @@ class LetNodeSlide:
 
 @dataclass(frozen=True)
 class MoveBaseSupport:
-    """A support that drives the structure is a new node's, in the place of the old one's."""
+    """Edit: the support at `dof` that drives the structure passes, with its direction and sign, to the node `label`."""
 
     dof: Dof
     label: int
@@ -303,7 +303,10 @@ def renamed_channels(model: TestedModel, record: int, names: Mapping[str, str]) 
 
 @dataclass(frozen=True)
 class AimSensor:
-    """A sensor that reads along a direction of its own at its node."""
+    """Edit: the sensor at `dof` of a record reads along `direction`, parts along global X, Y and Z.
+
+    It then sits at a new node, `label`, that is tied to its own.
+    """
 
     record: int
     dof: Dof
@@ -415,7 +418,7 @@ class AddTones:
 
 @dataclass(frozen=True)
 class RemoveRecord:
-    """One record of several is left out."""
+    """Edit: the record at index `record`, from 0, is left out; `InputError` if it is the only one."""
 
     record: int
 
@@ -545,7 +548,7 @@ class SubdivideElements:
 
 @dataclass(frozen=True)
 class SetProperty:
-    """Another nominal value of a property of an element set."""
+    """Edit: the property `property_name` of the element set `name` gets another nominal `value`, SI unit."""
 
     name: str
     property_name: str
@@ -565,7 +568,10 @@ class SetProperty:
 
 @dataclass(frozen=True)
 class MoveMass:
-    """One point mass of a set at another node."""
+    """Edit: point mass `number`, from 1, of the set `name` sits at the node `label`.
+
+    The set gets the `directions` if it has none of its own.
+    """
 
     name: str
     number: int

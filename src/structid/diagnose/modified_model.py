@@ -110,8 +110,8 @@ class FrfView:
     def of(self, problem: RecordProblem) -> FrfView:
         """The view with the same data and quick-fit lines, and the structure, parameters and channel errors of `problem`."""
         channels = None if problem.channels is None else problem.channels.seen_by(self.problem.record)
-        own = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
-        return FrfView(own, self.smooth, self.near)
+        shown = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
+        return FrfView(shown, self.smooth, self.near)
 
 
 def views(
@@ -128,15 +128,15 @@ def views(
     options : IdentifyOptions
         Decide how histories are averaged. Histories that are not have no view.
     """
-    found = []
-    for setup, problem, own in zip(setups, problems, theta, strict=True):
+    frf_views = []
+    for setup, problem, record_theta in zip(setups, problems, theta, strict=True):
         if isinstance(problem, FrfProblem):
-            found.append(FrfView(problem))
+            frf_views.append(FrfView(problem))
         elif (shown := setup.shown_problem(options, problem.channels)) is not None:
-            found.append(FrfView(shown))
+            frf_views.append(FrfView(shown))
         elif compares_modes(problem):
-            found.append(modal_view(problem, own))
-    return tuple(found)
+            frf_views.append(modal_view(problem, record_theta))
+    return tuple(frf_views)
 
 
 def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
@@ -152,12 +152,12 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
     state, pairs = problem.model.state(problem.physical(theta)), paired_modes(problem, theta)
     seen, gains = state.seen, problem.model.readings(problem.physical(theta))[0][:, None]
     shapes, frequency = seen.copy(), state.modes.frequency.copy()
-    given, like = problem.data.shapes[:, problem.data.measured], seen[:, pairs.number]
-    known = ~np.isnan(given)
-    given = np.where(known, given, 0.0)
-    energy = np.einsum("cm,cm->m", given, given)
-    size = np.einsum("cm,cm->m", given, like) / np.where(energy > 0, energy, 1.0)
-    shapes[:, pairs.number] = np.where(known, given * size, like)
+    measured_shapes, like = problem.data.shapes[:, problem.data.measured], seen[:, pairs.number]
+    known = ~np.isnan(measured_shapes)
+    measured_shapes = np.where(known, measured_shapes, 0.0)
+    energy = np.einsum("cm,cm->m", measured_shapes, measured_shapes)
+    size = np.einsum("cm,cm->m", measured_shapes, like) / np.where(energy > 0, energy, 1.0)
+    shapes[:, pairs.number] = np.where(known, measured_shapes * size, like)
     frequency[pairs.number] = problem.data.frequency
     shape_std, frequency_std = np.zeros_like(shapes), np.zeros_like(frequency)
     stated = problem.data.shape_std[:, problem.data.measured]
@@ -201,14 +201,17 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
 
     near = record(MODAL_VIEW_DECAY)
     errors = None if problem.channels is None else problem.channels.seen_by(near)
-    own = FrfProblem(problem.structure, problem.parameters, near, channels=errors)
-    return FrfView(own, {level: record(level) if level > MODAL_VIEW_DECAY else near for level in LEVELS})
+    frf_problem = FrfProblem(problem.structure, problem.parameters, near, channels=errors)
+    return FrfView(frf_problem, {level: record(level) if level > MODAL_VIEW_DECAY else near for level in LEVELS})
 
 
 def _synthesized(outputs: FloatArray, of_mode: Values, inputs: FloatArray) -> Values:
-    """Sum over modes of output (o, m), factor of every line (l, m) and input (i, m): (n_lines, n_outputs, n_inputs)."""
-    found: Values = np.einsum("om,lm,im->loi", outputs, of_mode, inputs)
-    return found
+    """FRFs (n_lines, n_outputs, n_inputs) as the sum over modes of the products of three factors.
+
+    They are `outputs` (n_outputs, n_modes), `of_mode` (n_lines, n_modes) and `inputs` (n_inputs, n_modes).
+    """
+    frfs: Values = np.einsum("om,lm,im->loi", outputs, of_mode, inputs)
+    return frfs
 
 
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
@@ -393,12 +396,12 @@ class ModifiedModel:
         10 % times the root of the part of lines that is used; modes as they are. The prior has a deviation of 20 % of
         the size of a parameter of the structure, 100 % of that of a channel error.
         """
-        held: list[RecordProblem] = []
+        anchored: list[RecordProblem] = []
         for of, view in zip(self._fitted_near(), self.views, strict=True):
             near = [part.kept_near_start(START_ERROR if i == 0 else 1.0) for i, part in enumerate(of.parts)]
             one = of.with_parts(near)
-            held.append(_on_lines(one, view.near) if isinstance(one, FrfProblem) else one)
-        return tuple(held)
+            anchored.append(_on_lines(one, view.near) if isinstance(one, FrfProblem) else one)
+        return tuple(anchored)
 
     def _fitted_near(self) -> list[RecordProblem]:
         """The problem of each record in near fits: modes as they are, FRFs for all other records."""
@@ -527,15 +530,22 @@ class ModifiedModel:
 
 def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProblem:
     """The problem with its start at the physical values `known`, by parameter name; others keep the start that they have."""
-    common = {own: name for one in problem.parameters.scatters for own, name in zip(one.own, one.common, strict=True)}
-    known = {**{own: known[name] for own, name in common.items() if name in known}, **known}
+    common = {
+        own_name: name
+        for one in problem.parameters.scatters
+        for own_name, name in zip(one.own, one.common, strict=True)
+    }
+    known = {**{own_name: known[name] for own_name, name in common.items() if name in known}, **known}
     return problem.with_parts([begun_at(part, known) for part in problem.parts])
 
 
 def base_model(model: TestedModel, problems: Sequence[RecordProblem], theta: FloatArray) -> ModifiedModel:
-    """The model as it is, with free variables of all its parameters at which its records are shown as FRFs."""
-    own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
-    return ModifiedModel(model, tuple(problems), views(model.setups, problems, own, model.options))
+    """The model as it is, without a change; its records are shown as FRFs at the free variables `theta` (n_params,).
+
+    `problems` has one problem for each record.
+    """
+    theta_of_records = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
+    return ModifiedModel(model, tuple(problems), views(model.setups, problems, theta_of_records, model.options))
 
 
 def are_small(setups: Sequence[AnySetup]) -> bool:

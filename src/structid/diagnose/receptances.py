@@ -43,7 +43,7 @@ class Flexibility(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class DenseFlexibility:
-    """G as it is, (n_lines, n_dofs, n_dofs)."""
+    """Receptances G as the full array `inverse` (n_lines, n_dofs, n_dofs), m/N."""
 
     inverse: ComplexArray
 
@@ -376,12 +376,12 @@ class Receptances:
 
     @cached_property
     def _directions(self) -> dict[tuple[bytes, bytes], tuple[IntArray, FloatArray]]:
-        """Cache of directions that were asked for: many candidates act along the same ones. It is empty at first."""
+        """Cache of `along` by the bytes of codes and weights, empty at first; many candidates share directions."""
         return {}
 
     @cached_property
     def unit_responses(self) -> LastResults[tuple[bytes, bytes], tuple[ComplexArray, ComplexArray]]:
-        """Cache of responses of parts of unit stiffness in the directions last asked for. It is empty at first."""
+        """Cache of responses and receptances, as of parts of unit stiffness, in the directions last asked for."""
         return LastResults(_MOST_UNIT_RESPONSES)
 
     def reached(self, codes: IntArray) -> FloatArray:

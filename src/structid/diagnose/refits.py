@@ -112,7 +112,7 @@ class FittedModel:
 
     @property
     def near_theta(self) -> FloatArray:
-        """Free variables at the end of the quick fit of the same model, those of the start where it fails."""
+        """Free variables (n_params,) at the end of the quick fit of the same model, or of the start where it fails."""
         return self.modified.theta_of(self.near_path[-1] if self.near_path else {})
 
     @property

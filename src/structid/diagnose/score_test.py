@@ -108,7 +108,7 @@ _Key: TypeAlias = tuple[object, ...]
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """Result of screening one candidate: the best strength and the sum of squares that remains."""
+    """Result of screening one candidate: the best strength, and `left`, the sum of squares that remains with it."""
 
     candidate: Candidate
     strength: float
@@ -124,7 +124,10 @@ class RequestedChange(NamedTuple):
 
 
 class _CandidateScreening(NamedTuple):
-    """Screening of one candidate: strengths, the sum of squares after each, the linear estimate and the lowest promise."""
+    """Screening of one candidate: `strengths` (n,) and the sums of squares `left` (n,) after a linear step with each.
+
+    `step` is the strength of least misfit by the candidate's slope, `promised` the lowest sum of squares by either.
+    """
 
     strengths: FloatArray
     left: FloatArray

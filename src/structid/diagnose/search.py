@@ -257,8 +257,8 @@ def _on_finer_mesh(first: FittedModel, work: TaskExecutor) -> Explanation | None
     fits = _refits(first, _begun(changed, meshes, first.values), work, "the likeliest cause on a finer mesh")
     if not fits or fits[0].is_misfit:
         return None
-    found = _weighed(first, fits, len(meshes))
-    return replace(found, spent=clock.spent) if found.causes else None
+    explanation = _weighed(first, fits, len(meshes))
+    return replace(explanation, spent=clock.spent) if explanation.causes else None
 
 
 def _second_alone(explanation: Explanation, pair: Explanation, work: TaskExecutor) -> Explanation | None:
@@ -624,12 +624,12 @@ def _limit_of(base: FittedModel, fitted: FittedModel, ratio: float = RIGID_RATIO
         np.concatenate([problem.frequency for problem in base.modified.problems]),
     )
     size = added["rotary_inertia" if dof.is_rotation else "mass"]
-    own = np.sqrt(np.abs(added["stiffness"] * (1 + 1j * added["loss_factor"])) / size) / (2 * np.pi)
-    if own > ratio * lines.max():
+    frequency = np.sqrt(np.abs(added["stiffness"] * (1 + 1j * added["loss_factor"])) / size) / (2 * np.pi)
+    if frequency > ratio * lines.max():
         if dof.is_rotation:
             return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
         return Mass(where=(str(dof.node),), strengths=np.array([size]))
-    if own < lines[lines > 0].min() / ratio or _is_heavier(base, fitted):
+    if frequency < lines[lines > 0].min() / ratio or _is_heavier(base, fitted):
         return SpringToGround(where=(dof.place,), strengths=np.array([added["stiffness"]]))
     return None
 

@@ -113,7 +113,7 @@ class Expense(NamedTuple):
 
 
 class FitLimits(NamedTuple):
-    """Effort, s, and processor time, s, that the fit of one changed study may take."""
+    """Effort, s as by `iteration_effort`, and processor time, s, that the fit of one changed study may take."""
 
     effort: float = np.inf
     seconds: float = np.inf

@@ -67,7 +67,7 @@ class Disagreement:
 
 
 class _Fit(TypedDict, total=False):
-    """Fit of a part of the data; empty where it cannot be fitted."""
+    """Fit of a part of the data, with the keys of `_fit_part`; empty where it cannot be fitted."""
 
     values: FloatArray
     std: FloatArray
@@ -139,7 +139,7 @@ def disagreements(
 
 
 class _Parts(NamedTuple):
-    """Parts of the data, each with the values that its model holds."""
+    """Problems of the parts of the data, each with the fixed values of its model; None where these count as exact."""
 
     problems: tuple[Problem, ...]
     held: tuple[FixedValues | None, ...]

@@ -405,23 +405,29 @@ def judged(
     """
     find_disagreements = find_disagreements or partial(data_disagreements, identification)
     if is_asked and is_sound(identification):
-        given = _asked_for(suggestions)
+        judgement = _asked_for(suggestions)
     else:
-        given = _judged(identification, causes, n_tried, suggestions, doubted(sensitivities), find_disagreements)
-    is_open = identification.alternatives is not None or given.verdict == "untested"
+        judgement = _judged(identification, causes, n_tried, suggestions, doubted(sensitivities), find_disagreements)
+    is_open = identification.alternatives is not None or judgement.verdict == "untested"
     if untried and not is_open and not fits_noise(identification):
-        given = replace(given, words=f"{given.words} {as_sentence(untried)}", reasons=(*given.reasons, untried))
-    faults = record_faults(identification)
-    if faults and given.verdict not in ("sound", "untested"):
-        given = replace(
-            given, words=f"{given.words} The record itself shows: {faults[0]}.", reasons=(*given.reasons, *faults)
+        judgement = replace(
+            judgement, words=f"{judgement.words} {as_sentence(untried)}", reasons=(*judgement.reasons, untried)
         )
-    shared = clock_or_stiffness(identification) if given.verdict in ("sound", "approximate") else ""
+    faults = record_faults(identification)
+    if faults and judgement.verdict not in ("sound", "untested"):
+        judgement = replace(
+            judgement,
+            words=f"{judgement.words} The record itself shows: {faults[0]}.",
+            reasons=(*judgement.reasons, *faults),
+        )
+    shared = clock_or_stiffness(identification) if judgement.verdict in ("sound", "approximate") else ""
     if shared:
-        given = replace(given, words=f"{given.words} {as_sentence(shared)}", reasons=(*given.reasons, shared))
+        judgement = replace(
+            judgement, words=f"{judgement.words} {as_sentence(shared)}", reasons=(*judgement.reasons, shared)
+        )
     return replace(
-        given,
-        reasons=(*given.reasons, *(words for one in identification.priors.varied for words in one.outlying_words)),
+        judgement,
+        reasons=(*judgement.reasons, *(words for one in identification.priors.varied for words in one.outlying_words)),
     )
 
 
@@ -511,15 +517,15 @@ def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
     The words name the first of them, and the value that the most moving one moves farthest. There must be at least one,
     and that one must have shifts.
     """
-    told = tuple(one.words for one in suggestions)
+    change_words = tuple(one.words for one in suggestions)
     most = max(suggestions, key=lambda one: one.moves)
     first = most.moved[0]
     part = abs(first.after / first.before - 1) if first.before else np.inf
     words = (
-        f"Approximate: the model explains the record to within its noise, but the record asks for a change: {told[0]}."
+        f"Approximate: the model explains the record to within its noise, but the record asks for a change: {change_words[0]}."
         f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} standard deviations: the intervals hold either way."
     )
-    return Judgement("approximate", words, told)
+    return Judgement("approximate", words, change_words)
 
 
 def _judged(
@@ -542,19 +548,17 @@ def _judged(
     if is_untested(identification) and not causes:
         return _untested(identification)
     if estimate.spread.disagreement is not None and not causes and leaves_noise_alone(identification):
-        said = estimate.spread.disagreement.words
-        words = (
-            f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
-        )
-        return Judgement("approximate", words, (said, *(one.words for one in doubts)))
+        objection = estimate.spread.disagreement.words
+        words = f"Approximate: the misfit is no larger than the noise was stated, but {objection}; {_INTERVALS['model_error']}."
+        return Judgement("approximate", words, (objection, *(one.words for one in doubts)))
     if is_sound(identification) and not causes and doubts:
-        told = tuple(one.words for one in doubts)
+        doubt_words = tuple(one.words for one in doubts)
         remedy = ": measure it, or make it an unknown, with a prior where it is known a little"
         words = (
             "Approximate: the model explains the record to within its noise, but"
-            f" {told[0]}{'' if doubts[0].is_like_clock else remedy}."
+            f" {doubt_words[0]}{'' if doubts[0].is_like_clock else remedy}."
         )
-        return Judgement("approximate", words, told)
+        return Judgement("approximate", words, doubt_words)
     by_priors = _by_priors(identification) if leaves_noise_alone(identification) and not causes else []
     rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
     if by_priors:
@@ -725,12 +729,14 @@ def _untested(identification: Identification) -> Judgement:
     estimate, goodness = identification.estimate, identification.estimate.goodness
     parameters = plural(len(estimate.names), "parameter")
     size = f"{plural(goodness.n_values, 'value')} for" if goodness.n_values else "no more values than"
-    held, by_priors = "", _by_priors(identification)
+    prior_words, by_priors = "", _by_priors(identification)
     if by_priors:
-        held = f"; priors, not the data, determine {join_words(by_priors, 4)}{_open_combinations(identification)}"
+        prior_words = (
+            f"; priors, not the data, determine {join_words(by_priors, 4)}{_open_combinations(identification)}"
+        )
     elif np.isfinite(identification.priors.std).any():
-        held = "; priors choose among the values that fit"
-    words = f"Untested: the data are {size} {parameters}{held}, and a wrong model fits as well."
+        prior_words = "; priors choose among the values that fit"
+    words = f"Untested: the data are {size} {parameters}{prior_words}, and a wrong model fits as well."
     return Judgement("untested", words, (estimate.message,))
 
 
@@ -759,7 +765,10 @@ def _is_large(identification: Identification) -> bool:
     For modes the limits are 2 % of a shape, sqrt(1 - MAC), and 0.2 % of a frequency.
     """
     measured = [(fit.judged.record.values, fit.judged.final) for fit in identification.fits]
-    of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
+    of_frfs = [
+        bool(np.linalg.norm(of_model - of_record) > LARGE_ERROR * np.linalg.norm(of_record))
+        for of_record, of_model in measured
+    ]
     of_modes = [
         bool(np.abs(fit.fitted.frequency / fit.problem.data.frequency - 1).max() > LARGE_ERROR / 10)
         or bool(np.sqrt(1 - np.nan_to_num(fit.fitted.mac, nan=1.0)).max() > LARGE_ERROR)
@@ -840,7 +849,7 @@ def _off(identification: Identification) -> list[str]:
     """Clauses on the resonances that the model misses: records of FRFs, then of modes, in each the farthest first."""
     of_modes = [_off_modes(fit) for fit in identification.modal_fits]
     far = [*(_off_resonances(fit) for fit in identification.fits), *of_modes]
-    return [words for own in far for _, words in sorted(own, key=lambda pair: -pair[0])]
+    return [words for misses in far for _, words in sorted(misses, key=lambda pair: -pair[0])]
 
 
 def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:

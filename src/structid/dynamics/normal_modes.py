@@ -430,10 +430,10 @@ def _is_definite(mass: FloatArray) -> bool:
 def _condensed_modes(
     mass: FloatArray, stiffness: FloatArray, has_mass: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2 and shapes (n_dofs, n_modes), one for each degree of freedom in the mask `has_mass`.
+    """Eigenvalues omega^2, (rad/s)^2, rising, and shapes (n_dofs, n_modes) of unit modal mass.
 
-    The other degrees of freedom follow statically. `mass` and `stiffness` are (n_dofs, n_dofs). Raises `SingularModelError`
-    if those that follow have no stiffness.
+    There is one mode for each degree of freedom in the mask `has_mass` (n_dofs,); those without mass follow statically.
+    `mass` and `stiffness` are (n_dofs, n_dofs). Raises `SingularModelError` if those that follow have no stiffness.
     """
     if has_mass.all():
         return linalg.eigh(stiffness, mass)

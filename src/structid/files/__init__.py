@@ -142,7 +142,8 @@ def digest(path: str | Path) -> str:
 def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -> Iterator[None]:
     """Context manager that turns exceptions of damaged content in a reader into a `FileError` that begins with `path`.
 
-    An `InputError` whose message begins with `path` is raised as it is.
+    An `InputError` whose message begins with `path` is raised as it is, any other gets `path` in front. A `MemoryError`
+    becomes a `FileError` that says so.
 
     Parameters
     ----------

@@ -379,5 +379,5 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def own_index(self) -> IntArray:
-        """Indices of `parameters` among all."""
+        """Indices (n,) of `parameters` among all parameters of the estimate."""
         return indices_of(self.estimate.names, self.parameters.names)

@@ -84,7 +84,11 @@ def _parts(problems: Sequence[RecordProblem]) -> tuple[RecordProblem | ScatterPr
 
 
 def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage: int) -> tuple[str, JointProblem]:
-    """The joint problem of one stage of each schedule; a shorter schedule stays in its last stage."""
+    """Name and joint problem of stage number `stage`, from 0; a shorter schedule stays in its last stage.
+
+    `parts` are the problems of the records, each with its entry in `schedules`; one with an empty schedule is taken as
+    it is. Different names are joined by commas.
+    """
     reached = [
         schedule[min(stage, len(schedule) - 1)] if schedule else ("", part)
         for part, schedule in zip(parts, schedules, strict=True)

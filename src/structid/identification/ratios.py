@@ -125,7 +125,7 @@ def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float 
 
 
 def _scaled(kinds: Sequence[str]) -> np.ndarray:
-    """Indices of the parameters that a common scale of mass, damping and stiffness changes, from their `kinds`."""
+    """Indices (n,) of the parameters that a common scale of mass, damping and stiffness changes, from their `kinds`."""
     return np.flatnonzero(np.isin(kinds, _SCALED))
 
 

@@ -160,7 +160,7 @@ def prominent(level: FloatArray, least: float) -> IntArray:
 
 
 class FittedUnknowns(NamedTuple):
-    """Unknowns of one problem: free variables at the end, and physical values after and before."""
+    """Unknowns of one problem, (n_params,) each: free variables at the end, physical values there, and initial ones."""
 
     theta: FloatArray
     values: FloatArray

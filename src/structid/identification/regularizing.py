@@ -163,7 +163,7 @@ def coupled(problems: Sequence[RecordProblem], couplings: Sequence[Coupling]) ->
 
 
 def unit_penalties(problems: Sequence[RecordProblem], terms: Sequence[Regularization]) -> tuple[Coupling, ...]:
-    """The rows of every term at strength 1, of the parameters of the first problem."""
+    """The rows of every term at strength 1, in the order of `terms`, by the parameters of the first problem."""
     first = problems[0]
     return tuple(penalty(first.structure, first.parameters, term) for term in terms)
 

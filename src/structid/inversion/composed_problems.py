@@ -75,7 +75,7 @@ class ShiftedResidual(Wrapped):
 
 @dataclass(frozen=True, eq=False)
 class _OtherUnknowns:
-    """All of `unknowns` but those at `indices`, whose free variables are fixed at `values`."""
+    """All of `unknowns` but those at `indices` (n,), whose free variables are fixed at `values` (n,)."""
 
     unknowns: Unknowns
     indices: IntArray
@@ -83,7 +83,7 @@ class _OtherUnknowns:
 
     @cached_property
     def free(self) -> IntArray:
-        """Indices of the other free variables, rising."""
+        """Indices (n_free,) of the free variables that are not fixed, rising."""
         return np.delete(np.arange(len(self.unknowns.names)), self.indices)
 
     @property
@@ -134,7 +134,7 @@ class _OtherUnknowns:
 
 @dataclass(frozen=True, eq=False)
 class _OtherScores:
-    """Noise `law` of a problem seen by the unknowns at indices `free` of all `n_params`."""
+    """Noise `law` of a problem, seen by those at the indices `free` (n_free,) of its `n_params` unknowns."""
 
     law: NoiseLaw
     free: IntArray

@@ -47,7 +47,7 @@ class Differences:
 
     @property
     def members(self) -> IntArray:
-        """Parameters that take part."""
+        """Indices (n_members,) of the parameters that take part, rising."""
         return np.unique(self.matrix.indices)
 
     @property

@@ -27,7 +27,7 @@ _ROUNDING = float(np.finfo(np.float64).eps)
 
 
 class NormalEquations(NamedTuple):
-    """Sums over all rows of a residual r with Jacobian J."""
+    """Sums J'J, J'r and r'r over all rows of a residual r with Jacobian J."""
 
     matrix: FloatArray
     """J'J, (n_params, n_params)."""

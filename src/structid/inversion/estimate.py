@@ -230,7 +230,7 @@ class SearchRecord:
 
 
 class Value(NamedTuple):
-    """One parameter, in physical units."""
+    """Value and standard deviation of one parameter, in physical units; the latter is NaN if undetermined."""
 
     value: float
     std: float
@@ -372,7 +372,7 @@ class Estimate(Shown):
 
     @property
     def std_free(self) -> FloatArray:
-        """Standard deviations of the free variables, from `uncertainty`: of the logarithm for a log parameter."""
+        """Standard deviations (n_params,) of the free variables, from `uncertainty`: of log p for a positive p."""
         return self.parameters.free_std(self.std)
 
     @property

@@ -46,7 +46,7 @@ class Linearization:
         return self.jacobian.shape[1]
 
     def product(self, v: FloatArray) -> FloatArray:
-        """J v, all rows."""
+        """J v, (n_residuals,), for a change v (n_params,) of the free variables."""
         return self.jacobian @ v
 
     def triangle(self) -> FloatArray:
@@ -135,15 +135,15 @@ class OperatorLinearization:
         return len(self.data_squares)
 
     def product(self, v: FloatArray) -> FloatArray:
-        """J v, all rows."""
+        """J v, (n_residuals,), data rows before prior rows, for a change v (n_params,) of the free variables."""
         return np.concatenate([self.forward(v), self.prior @ v])
 
     def transposed(self, u: FloatArray) -> FloatArray:
-        """J' u, all rows."""
+        """J'u, (n_params,), for u (n_residuals,), data rows before prior rows."""
         return self.adjoint(u[: self.n_data]) + self.prior.T @ u[self.n_data :]
 
     def information(self, v: FloatArray) -> FloatArray:
-        """J'J v, all rows."""
+        """J'J v, (n_params,), of data and prior rows, for a change v (n_params,) of the free variables."""
         return self.adjoint(self.forward(v)) + self.prior.T @ (self.prior @ v)
 
     @cached_property
@@ -206,14 +206,14 @@ class LastEvaluation(Generic[T]):
         return evaluation
 
     def known(self, theta: FloatArray) -> T | None:
-        """The evaluation that is kept of `theta`, if any."""
+        """The evaluation that is kept of the free variables `theta` (n_params,); None if it is of others."""
         return self._kept[1] if self._kept is not None and self._kept[0] == theta.tobytes() else None
 
     def keep(self, theta: FloatArray, evaluation: T) -> None:
         self._kept = theta.tobytes(), evaluation
 
     def taken(self, theta: FloatArray) -> T | None:
-        """The evaluation that is kept of `theta`, if any; nothing is kept afterwards."""
+        """The evaluation that is kept of `theta` (n_params,), None if it is of others; nothing is kept afterwards."""
         evaluation, self._kept = self.known(theta), None
         return evaluation
 

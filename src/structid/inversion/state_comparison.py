@@ -161,7 +161,7 @@ class Comparison(Shown, States):
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation of every change."""
+        """Standard deviation of every change, (n,), physical units; NaN where it is not determined."""
         return np.sqrt(np.diag(self.covariance))
 
     @cached_property
@@ -211,7 +211,7 @@ class Comparison(Shown, States):
 
     @property
     def relative_change(self) -> FloatArray:
-        """Change as a part of the value before; NaN where that is 0."""
+        """Change as a part of the magnitude of the value before, (n,); NaN where that is 0."""
         return self.change / np.where(self.before != 0, np.abs(self.before), np.nan)
 
     @property

@@ -115,7 +115,7 @@ class LocalFit:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Posterior covariance of the free variables; NaN where neither data nor penalties see them."""
+        """Posterior covariance (n_params, n_params) of the free variables; NaN where no data or penalty sees them."""
         return inverse_information(self.rows)
 
 

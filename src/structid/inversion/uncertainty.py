@@ -383,7 +383,7 @@ class Spread:
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviations from `uncertainty`."""
+        """Standard deviations (n_params,) from `uncertainty`, physical units; NaN where nothing is known."""
         return self.uncertainty.std
 
     @property

@@ -453,7 +453,7 @@ class Candidates:
 
     @property
     def scale(self) -> FloatArray:
-        """Size of each parameter, to which its standard deviation is relative."""
+        """Size of each parameter, (n_params,), to which its standard deviation is relative: its start, or 1 for 0."""
         start = np.abs(self.parameters.start)
         return np.where(start > 0, start, 1.0)
 

@@ -243,7 +243,7 @@ class ElementValues:
 
     @property
     def relative_change(self) -> FloatArray:
-        """Change as a part of the initial value, NaN where that is 0 or nothing was sought."""
+        """Change as a part of the initial value, (n_elements,); NaN where that is 0 or the value is no unknown."""
         is_defined = self.is_sought & (self.initial != 0)
         return np.divide(
             self.value - self.initial, self.initial, out=np.full(len(self.value), np.nan), where=is_defined
@@ -251,7 +251,7 @@ class ElementValues:
 
     @property
     def significance(self) -> FloatArray:
-        """Change in standard deviations, beyond 1.96 outside the 95 % interval; NaN where none was sought."""
+        """Change in standard deviations, (n_elements,), beyond 1.96 outside the 95 % interval; NaN for no unknown."""
         is_defined = self.is_sought & (self.std > 0)
         return np.divide(self.value - self.initial, self.std, out=np.full(len(self.value), np.nan), where=is_defined)
 

@@ -197,7 +197,10 @@ def _with_supports(
     same_values = slice(0, len(released.values))  # the damping ratio of all modes stands last
 
     def columns_at(values: FloatArray, kind: str, motion: FloatArray) -> FloatArray:
-        """Forces of the matrix `kind` at the free degrees of freedom where these move by `motion` and the supports by 1."""
+        """Forces (n_free, n_bases) of the matrix `kind` under `motion` (n_free, n_bases) and one base at a time by 1.
+
+        `motion` is that of the free degrees of freedom; `values` are the property values.
+        """
         inner, whole = plain.matrix(kind, values[same_values]), released.matrix(kind, values[same_values])
         return np.asarray(inner @ motion + (whole @ support).toarray()[free])
 

@@ -133,7 +133,10 @@ class ModelError:
         return np.asarray(draws + missed)
 
     def added_to_spectra(self, draws: FloatArray, frequency: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Spectral densities (n_draws, n_frequencies, n_outputs) with random errors of the responses behind them."""
+        """Spectral densities `draws` (n_draws, n_frequencies, n_outputs) with random errors of their responses added.
+
+        `frequency` (n_frequencies,) is in Hz.
+        """
         relative = np.stack([self._relative(frequency, draws.shape[2], rng) for _ in draws])
         return np.asarray(draws * np.abs(1 + relative) ** 2)
 

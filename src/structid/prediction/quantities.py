@@ -57,7 +57,7 @@ class Quantity(Protocol):
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
-        """Meaning of each axis of the result, in order."""
+        """Meaning of each axis of the result by its name, in order: frequencies (Hz), times (s) or names of entries."""
         ...
 
     @property

@@ -496,7 +496,7 @@ def output_map(structure: Structure, outputs: Sequence[Output], derivative: int)
 
 
 def _element_weight(part: Contribution, row: int, values: FloatArray) -> float:
-    """The weight of the matrix of one element at the property values of the structure."""
+    """Factor on the matrix of the element at index `row` of `part` at the property `values` (n_values,)."""
     return float(part.weights(values)[row])
 
 
@@ -506,7 +506,10 @@ def _over_stiffness(weight: Callable[[FloatArray], float], index: int, values: F
 
 
 def _over_free(to_free: sparse.csr_array, positions: IntArray, row: FloatArray) -> FloatArray:
-    """A row over some of all degrees of freedom (-1 for none) as one over the free ones, (n_free,)."""
+    """A `row` (n,) over the degrees of freedom at `positions` (n,), -1 for none, as one over the free ones, (n_free,).
+
+    `to_free` is sparse, (n_all, n_free): how each degree of freedom follows the free ones.
+    """
     kept = positions >= 0
     return np.asarray(to_free[positions[kept], :].T @ row[kept])
 

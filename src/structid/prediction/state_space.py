@@ -262,7 +262,10 @@ class _Balance:
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """State equations, the first `n_rigid` states those of free rigid motions."""
+    """State equations x' = a x + b u, y = c x + d u; the first `n_rigid` states are those of free rigid motions.
+
+    With `is_differentiated` the outputs that are asked for are the derivatives of y in time.
+    """
 
     a: FloatArray
     b: FloatArray
@@ -398,8 +401,9 @@ class _Equations:
         return replace(self, a=a, b=b, c=c)
 
     def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Matrices (a, b, c, d) from sample to sample for loads constant in between; continuous if `rate` (Hz) is None.
+        """Matrices a, b, c, d from sample to sample for loads constant in between; continuous, 1/s, if `rate` is None.
 
+        `rate` is in Hz. The matrices are (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n states.
         Differentiated outputs, accelerations, become a part of the state and a direct part of the loads.
         """
         c, d = (self.c @ self.a, self.d + self.c @ self.b) if self.is_differentiated else (self.c, self.d)

@@ -166,7 +166,10 @@ def tune_damper(
         return float(peaks(_couple_damper(receptances[0], frf.frequency, mass, frequency, ratio)))
 
     def peak_below(frequency: float, ratio: float) -> float:
-        """Largest receptance, m/N, that a part `quantile` of the random models stays below with the damper."""
+        """Largest receptance, m/N, that a part `quantile` of the random models stays below with a damper.
+
+        `frequency` (Hz) and damping `ratio` are those of the damper.
+        """
         with_damper = _couple_damper(receptances[1:], frf.frequency, mass, frequency, ratio)
         return float(np.quantile(peaks(with_damper), quantile))
 

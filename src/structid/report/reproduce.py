@@ -318,7 +318,7 @@ def _label(curve: Curve) -> str:
 
 
 def _drawable(values: FloatArray, log: bool) -> FloatArray:
-    """Copy of `values` with NaN for values that cannot be drawn: not finite, or not positive if `log`."""
+    """Copy of `values`, in their shape, with NaN for what cannot be drawn: not finite, or not positive if `log`."""
     finite = _finite(values)
     return np.where(finite > 0, finite, np.nan) if log else finite
 

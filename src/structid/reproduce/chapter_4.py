@@ -58,12 +58,12 @@ class Case:
 
     @property
     def relative_error(self) -> FloatArray:
-        """Error of the postulated parameters, in parts of the actual ones."""
+        """Error of the postulated parameters, (12,), as a part of the actual ones."""
         return self.postulated / self.actual - 1
 
     @property
     def error_of_actual(self) -> FloatArray:
-        """Actual less postulated parameters, relative to the postulated ones."""
+        """Actual less postulated parameters, (12,), as a part of the postulated ones."""
         return self.actual / self.postulated - 1
 
 
@@ -497,7 +497,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Study:
-    """One reading of the noise: what is measured, and with what errors."""
+    """One reading of the dissertation's noise: the case, what is measured, and with what errors."""
 
     label: str
     case: Case
@@ -507,7 +507,10 @@ class Study:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Errors of a study over its seeds, (n_seeds, n_iterations + 1), and its bounds."""
+    """Errors of a study over its seeds, (n_seeds, n_iterations + 1), RMS over the parameters, as parts.
+
+    The Cramér-Rao bounds, as parts too, are of the sensor noise alone and of all noise; 0 without such noise.
+    """
 
     study: Study
     errors: FloatArray

@@ -100,7 +100,7 @@ class Table:
 
     @property
     def difference(self) -> FloatArray:
-        """Computed minus printed; NaN where nothing is printed."""
+        """Computed minus printed numbers, (n_rows, n_columns); NaN where nothing is printed."""
         return self.computed - self.printed
 
 
@@ -125,7 +125,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A set of axes with its curves."""
+    """A set of axes with its curves; the titles of axes are texts with the unit."""
 
     title: str
     x_label: str

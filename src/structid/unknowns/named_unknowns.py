@@ -156,7 +156,7 @@ class NamedUnknowns:
 
     @property
     def theta_start(self) -> FloatArray:
-        """Free variables of the initial values."""
+        """Free variables (n_params,) of the initial values."""
         return self.transforms.free(self.start)
 
     def physical(self, theta: FloatArray) -> FloatArray:

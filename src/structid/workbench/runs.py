@@ -195,7 +195,7 @@ class Run:
 
 
 class Runs:
-    """All runs of a folder."""
+    """The runs of a folder, the 60 newest, newest first."""
 
     def __init__(self, opened: OpenFolder) -> None:
         self.opened = opened

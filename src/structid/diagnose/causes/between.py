@@ -56,12 +56,12 @@ def following(ends: Sequence[FloatArray], axis: int, fraction: float, bends: boo
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SensorBetween(Candidate):
-    """A sensor part of the way to the next node.
+    """A sensor between its node and a neighbouring one; the strength is the fraction of the way to that.
 
     Attributes
     ----------
     bends : bool
-        Whether a beam is there.
+        True if a beam joins the two nodes, False for bars alone.
     """
 
     kind: ClassVar[str] = "between"
@@ -90,12 +90,12 @@ class SensorBetween(Candidate):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadBetween(Candidate):
-    """A load part of the way to the next node.
+    """A load between its node and a neighbouring one; the strength is the fraction of the way to that.
 
     Attributes
     ----------
     bends : bool
-        Whether a beam is there.
+        True if a beam joins the two nodes, False for bars alone.
     """
 
     kind: ClassVar[str] = "load_between"
@@ -152,7 +152,7 @@ def _channels_and_neighbours(records: Sequence[Receptances], axis: int) -> Itera
 
 
 def _ends(structure: Structure, dof_names: Sequence[str]) -> tuple[tuple[Dof, Dof], list[FloatArray]]:
-    """The two degrees of freedom named in `dof_names`, such as ``3X``, and the positions (m) of their nodes."""
+    """The two degrees of freedom `dof_names`, such as ``3X``, and the positions of their nodes, m, (n_axes,) each."""
     first, second = (parse_dof(place) for place in dof_names)
     return (first, second), [np.atleast_1d(structure.nodes[dof.node]) for dof in (first, second)]
 

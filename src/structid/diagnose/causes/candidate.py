@@ -290,7 +290,10 @@ NUMBER_STEPS = (1.6, 1.25, 1.1, 1.04, 1.015)
 
 
 class Channel(NamedTuple):
-    """A sensor (axis 1 of the FRF) or a load (axis 2) of a record, its number, and how many of them there are."""
+    """A sensor (`axis` 1 of the FRF) or a load (`axis` 2) of a record.
+
+    `record` and `number` are the indices, from 0, of the record and of the channel among the `n_alike` of its axis.
+    """
 
     record: int
     axis: int

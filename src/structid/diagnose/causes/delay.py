@@ -25,9 +25,10 @@ def _delays(receptances: Receptances) -> FloatArray:
 def _effect(
     receptances: Receptances, axis: Literal[1, 2], channel_names: Sequence[str], delays: FloatArray
 ) -> ComplexArray:
-    """Changes (n_delays, n_lines, n_outputs, n_inputs) of FRFs where some channels are late by each of `delays`, s.
+    """Changes (n_delays, n_lines, n_outputs, n_inputs) of FRFs by phases as of each of `delays`, s, at some channels.
 
-    `channel_names` are degrees of freedom such as ``3X``: outputs for `axis` 1, inputs for 2.
+    `channel_names` are degrees of freedom such as ``3X``: outputs for `axis` 1, which are late by it, or inputs for 2,
+    whose measurement is early by it.
     """
     factors = np.exp(-receptances.laplace * delays[:, None])
     indices = [index_of(receptances, axis, place) for place in channel_names]

@@ -21,7 +21,7 @@ _POWERS = {"mass": 2, "rotary_inertia": 2, "viscous_damping": 1}
 
 
 class _Column(NamedTuple):
-    """One column of an element matrix: the codes of its rows, its entries, its kind and its loss factor."""
+    """One column of an element matrix: codes of its rows (n,), entries (n,), the diagonal one, kind and loss factor."""
 
     codes: IntArray
     column: FloatArray
@@ -32,7 +32,7 @@ class _Column(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlexibleJoint(Candidate):
-    """The end of a beam that turns against its node; the strength is its compliance."""
+    """The end of a beam that turns against its node; the strength is the compliance of the joint, rad/(N m)."""
 
     kind: ClassVar[str] = "joint"
     bounds: tuple[float, float] = POSITIVE
@@ -89,8 +89,8 @@ class FlexibleJoint(Candidate):
 def _couplings(receptances: Receptances, columns: Sequence[_Column]) -> tuple[ComplexArray, ComplexArray]:
     """Dynamic stiffness between a released element end and the free degrees of freedom, and that of the end alone.
 
-    Shapes are (n_lines, n_dofs) and (n_lines,). `columns` are those of the element's matrices for the released
-    rotation, one for each matrix, with its kind and loss factor.
+    Shapes are (n_lines, n_dofs) and (n_lines,), in SI units. `columns` are those of the element's matrices for the
+    released rotation, one for each matrix, with its kind and loss factor.
     """
     coupling = np.zeros((len(receptances.laplace), receptances.structure.n_dofs), dtype=np.complex128)
     own = np.zeros(len(receptances.laplace), dtype=np.complex128)

@@ -19,7 +19,7 @@ _PIECES = 3.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CoarseMesh(Candidate):
-    """Beams and bars in so many times more pieces."""
+    """A mesh that is too coarse; the strength is the factor on the number of pieces of all beams and bars."""
 
     kind: ClassVar[str] = "mesh"
     where: tuple[str, ...] = ("all lines",)

@@ -16,7 +16,7 @@ from structid.diagnose.tested_model import TestedModel
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SensorPolarity(Candidate):
-    """A sensor that reads with the opposite sense."""
+    """A sensor that reads with the opposite sense; strength 1 reverses it."""
 
     kind: ClassVar[str] = "polarity"
     record: int | None = 0
@@ -39,7 +39,7 @@ class SensorPolarity(Candidate):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadPolarity(Candidate):
-    """A load of several that acts with the opposite sense."""
+    """A load, one of several of its record, that acts with the opposite sense; strength 1 reverses it."""
 
     kind: ClassVar[str] = "load_polarity"
     result_kind: ClassVar[str] = "polarity"

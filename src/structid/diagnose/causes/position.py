@@ -12,7 +12,10 @@ from structid.diagnose.tested_model import TestedModel
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SensorPosition(Candidate):
-    """A sensor that sits at another node; it follows from a look without the sensor."""
+    """A sensor at another node than the record says: `where` is its degree of freedom there, then that at the node.
+
+    It is tried only of sensors without which the fit is much better.
+    """
 
     kind: ClassVar[str] = "place"
     record: int | None = 0
@@ -26,7 +29,10 @@ class SensorPosition(Candidate):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadPosition(Candidate):
-    """A load that acts at another node; it is tried of every load."""
+    """A load at another node than the record says: `where` is its degree of freedom there, then that at the node.
+
+    It is tried of every load.
+    """
 
     kind: ClassVar[str] = "load_place"
     record: int | None = 0

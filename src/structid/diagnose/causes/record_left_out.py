@@ -16,7 +16,7 @@ from structid.forward import RecordProblem
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OtherState(Candidate):
-    """One of several records, which is left out."""
+    """One of several records that is of another state of the structure than the others, so that it is left out."""
 
     kind: ClassVar[str] = "record"
     leaves_data_out: ClassVar[bool] = True

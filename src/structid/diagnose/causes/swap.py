@@ -30,7 +30,7 @@ def _effect(receptances: Receptances, axis: int, channel_names: Sequence[str], s
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SwappedSensors(Candidate):
-    """The cables of two sensors are exchanged."""
+    """Two sensors whose cables are exchanged; strength 1 is the exchange."""
 
     kind: ClassVar[str] = "swap"
     record: int | None = 0
@@ -54,7 +54,7 @@ class SwappedSensors(Candidate):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SwappedLoads(Candidate):
-    """Two loads are exchanged."""
+    """Two loads that are exchanged; strength 1 is the exchange."""
 
     kind: ClassVar[str] = "load_swap"
     record: int | None = 0

@@ -544,7 +544,8 @@ def _limit(frequency: FloatArray, refined_frequencies: list[FloatArray]) -> tupl
     """Natural frequencies (n,) extrapolated to elements of zero length, and the orders of convergence (n,).
 
     `frequency` (n,) are those of the present mesh, `refined_frequencies` one or two arrays (n,) for elements a half and a
-    quarter as long. The order is between 1 and 6, and 2 where only one refinement is known or the changes are rounding.
+    quarter as long. The order is between 1 and 6; 2 where only one refinement is known, or the two changes are rounding
+    or of opposite sign. The limit is NaN where a refined frequency is.
     """
     first = frequency - refined_frequencies[0]
     order = np.full(len(frequency), _USUAL)

@@ -45,7 +45,7 @@ def read(path: Path) -> list[ImportedMatrix]:
     """Every DMIG matrix in the Nastran file at `path`, in the order of their headers; other cards are passed over.
 
     Small, large and free field; comments, blank lines, continuations, exponents written ``D`` or left out. Rows have
-    node and component; symmetric matrices are complete.
+    node and component; symmetric matrices are complete. Values stay in the units of the file.
 
     Raises
     ------

@@ -191,8 +191,9 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
 def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
     """Directions (3, 3), as rows, of a *TRANSFORM at a node in `position`; `ValueError` if its points lie on a line.
 
-    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`. All points are
-    (3,), in one unit.
+    `form` R, rows x, y, z: points `a` on x and `b` in x-y; C, rows radial, around, along the axis: `a` and `b` on it,
+    where any radial direction will do; S, rows radial, around, towards the pole: centre `a` and pole `b`, on whose
+    line `position` must not lie. All points are (3,), in one unit.
     """
     if form == "R":
         directions = axes_of_points(np.zeros(3), np.cross(a, b), a)

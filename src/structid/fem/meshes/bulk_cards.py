@@ -364,8 +364,9 @@ def _card_fields(text: bytes) -> list[bytes]:
 def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[bytes]:
     """The fields of the card that replication `steps` make of those of the `previous` one.
 
-    A step is `=` (same field), `==` (all further fields the same), `*n` (field plus n), or a new field. `where` names
-    file and line in the `FileError` that is raised if a field to be stepped is no number.
+    A step is `=` (same field), `==` (all further fields the same), `*n` (field plus n; a blank or missing one counts as
+    0), or a new field. The first field, the card's name, is never stepped. `where` names file and line in the
+    `FileError` that is raised if a field to be stepped is no number.
     """
     card: list[bytes] = []
     for index, word in enumerate(steps):

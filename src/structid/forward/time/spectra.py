@@ -246,8 +246,8 @@ class Transient:
     def _own_shapes(self) -> ComplexArray:
         """Functions of frequency (n_frequencies, n_shapes) in each output's own part of a spectrum: powers, then tones.
 
-        Powers of s go from 0 to `order`. A tone of angular frequency w has four: 1/p, s/p, 1/p^2 and s/p^2 with p = s^2
-        + w^2; s and w are relative to the highest line.
+        Powers of s go from 0 to `order`; there are none if that is None. A tone of angular frequency w has four: 1/p,
+        s/p, 1/p^2 and s/p^2 with p = s^2 + w^2; s and w are relative to the highest line.
         """
         s = self.relative_laplace
         powers = [s**k for k in range(0 if self.order is None else self.order + 1)]

@@ -190,8 +190,9 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
 def _missing_floor(
     record: FrfRecord, used: FrfRecord, options: IdentifyOptions, model_error: float, is_assumed: bool
 ) -> FloatArray:
-    """`missing_floor` of `record` in the band of the lines `used`, found once; 0 for a residual that reads no variance.
+    """`missing_floor` of `record` in the band of the lines `used`, (n_outputs, n_inputs), computed once for each band.
 
+    Zeros for the residual ``equation`` of the `options`, which reads no variance.
     `model_error` is the part of each magnitude that counts as noise, and `is_assumed` says that nobody stated it.
     """
     if options.residual == "equation":
@@ -211,10 +212,10 @@ def _floor_range(floor: FloatArray, unit: str) -> str:
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
-    """Largest error with which a sweep may solve the lines from few factorizations; None if each line is solved for.
+    """Largest error, a part of the largest FRF of a line, of a sweep by few factorizations; None if all are solved.
 
-    The error of the options holds, 0 for none. By default it is 1e-5 for 1000 degrees of freedom or more and enough
-    lines. None with measured components.
+    The error that the options state holds; 0 there means None. By default it is 1e-5 for 1000 degrees of freedom or
+    more and enough lines, None for less. None too with measured components.
     """
     if structure.measured:
         return None

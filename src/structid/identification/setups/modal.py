@@ -37,7 +37,7 @@ _FAR_BEYOND = 2.0
 
 
 class _Sensors(NamedTuple):
-    """Channels that errors may be declared on; modes have no loads."""
+    """Channels that errors may be declared on: sensors, no loads, and the frequencies (n_modes,) of the modes, Hz."""
 
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]

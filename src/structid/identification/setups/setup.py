@@ -181,7 +181,7 @@ P = TypeVar("P", bound=RecordProblem)
 
 @dataclass(frozen=True, eq=False)
 class Prepared(Generic[P]):
-    """The least-squares problem of a record, and what is worth a warning about it, and about its structure whatever the record."""
+    """The least-squares problem of a record, `warnings` about it, and those `of_structure` that hold for any record."""
 
     problem: P
     warnings: tuple[str, ...] = ()
@@ -254,14 +254,17 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     @property
     @abstractmethod
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
-        """Sensors as ``output`` and loads as ``input``, where the record has them."""
+        """Pairs of "output" and the sensors, and of "input" and the loads; a pair that the record lacks is left out."""
 
     @abstractmethod
     def words(self, options: IdentifyOptions) -> str:
         """One line on the record and the part of it that is used."""
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
-        """Frequencies that are used and that are judged, Hz; infinite where the model is not evaluated at lines."""
+        """Frequencies (Hz) that are used in the fit, (n_fitted,), and those on which it is judged, (n_judged,).
+
+        Both are a single infinity where the model is not evaluated at lines.
+        """
         return np.full(1, np.inf), np.full(1, np.inf)
 
     def begun(self, problem: P) -> P:
@@ -281,7 +284,10 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         raise TypeError("the record has no estimator of its own; search its problem")
 
     def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
-        """Truncation by reduced components of the structure, as this record sees it; None where it has none."""
+        """Truncation by reduced components of the structure up to the highest frequency of `problem`; None without any.
+
+        `theta` (n_params,) are the free variables.
+        """
         values = problem.property_values(problem.physical(theta))
         return modes_truncation(problem.structure, values, float(problem.frequency.max()))
 
@@ -292,11 +298,11 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     def response_fit(
         self, title: str, problem: P, fitted: FittedUnknowns, options: IdentifyOptions
     ) -> RecordFit | None:
-        """The answer beside its responses, where it has some."""
+        """The fitted and the initial model beside the measured responses; None where the record has none."""
         return None
 
     def modal_fit(self, title: str, problem: P, fitted: FittedUnknowns, options: IdentifyOptions) -> ModalFit | None:
-        """The answer beside its modes, where it has some."""
+        """The fitted and the initial model beside the measured modes; None where the record has none."""
         return None
 
 

@@ -46,7 +46,10 @@ def relative_std(rows: FloatArray) -> FloatArray:
 
 
 def ignorance(n_params: int) -> FloatArray:
-    """Rows of a prior of relative standard deviation `IGNORANCE` on each parameter, so weak that it only ranks the hopeless."""
+    """Rows (n_params, n_params) of a prior of relative standard deviation `IGNORANCE` on each parameter.
+
+    It is so weak that it only ranks designs that leave parameters undetermined.
+    """
     return np.eye(n_params) / IGNORANCE
 
 

@@ -273,7 +273,11 @@ def collinear_groups(
 
 @dataclass(frozen=True, eq=False)
 class _Directions:
-    """Determined parameters, their columns, and the dependencies among them."""
+    """Names of the determined parameters, and the dependencies among them.
+
+    `jacobian` (n_data, n) has their columns, `condition` (n_directions,) the condition indices of its singular
+    directions, and `proportions` (n_directions, n) the shares of these in the variance of each parameter.
+    """
 
     names: tuple[str, ...]
     jacobian: FloatArray

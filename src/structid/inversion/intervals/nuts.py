@@ -19,7 +19,7 @@ _DEEPEST = 8
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A place, the logarithm of the density there and its gradient."""
+    """Coordinates `x` (n_params,), the logarithm of the density there, and its gradient (n_params,)."""
 
     x: FloatArray
     log_density: float
@@ -28,7 +28,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A place on a trajectory, and the momentum there."""
+    """A place on a trajectory, and the momentum `p` (n_params,) there."""
 
     at: Place
     p: FloatArray
@@ -40,7 +40,12 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """A stretch of trajectory: its ends, a state drawn from it by weight, and what rules its growth."""
+    """A stretch of trajectory: its two ends, a state drawn from it by weight, and what rules its growth.
+
+    `log_weight` is the logarithm of the sum of its weights and `momentum` (n_params,) the sum of its momenta;
+    `stopped` and `diverged` say that it does not grow on. `acceptance` is the sum of the acceptance probabilities of
+    `n_steps` steps.
+    """
 
     backward: _State
     forward: _State
@@ -55,7 +60,10 @@ class _Tree:
 
 @dataclass(frozen=True, eq=False)
 class StepSize:
-    """Logarithms of the present step and of its mean, what the trajectories missed, and where steps are drawn to."""
+    """Step size in dual averaging: logarithms of the present step, of its mean and of that which steps are drawn to.
+
+    `error` is the mean amount, decaying with time, by which acceptance fell short of 80 %.
+    """
 
     log_size: float
     log_mean: float

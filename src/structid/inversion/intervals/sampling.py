@@ -205,7 +205,7 @@ def sampled_ends(
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Draws (n_chains, n_draws, n_params) in whitened coordinates, divergent trajectories and evaluations."""
+    """Draws (n_chains, n_draws, n_params) in whitened coordinates; counts of divergent trajectories and evaluations."""
 
     draws: FloatArray
     n_divergent: int

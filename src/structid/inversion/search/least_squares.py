@@ -119,7 +119,7 @@ def cost_at(problem: Problem, theta: FloatArray) -> float:
 
 
 class End(NamedTuple):
-    """Why a search ends."""
+    """End of a search: True if it converged, and the reason as a clause."""
 
     converged: bool
     message: str
@@ -233,7 +233,7 @@ class Method(Protocol[P]):
         ...
 
     def tried(self, problem: Problem, point: P, damping: Damping) -> IterationResult:
-        """The next step from a point."""
+        """Result of one damped step from `point`, the linearization of `problem` where the search stands."""
         ...
 
     def for_stages(self) -> Method[P]:

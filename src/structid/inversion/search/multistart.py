@@ -429,7 +429,7 @@ def _leads_to(problem: Problem, stopped: Minimum, end: Minimum) -> bool:
 
 
 def _after(first: Minimum, last: Minimum) -> Minimum:
-    """End point of a search that continued another one, with the histories of both."""
+    """End point `last` of a search that continued the one that ended at `first`, with the histories of both."""
     return replace(
         last,
         history=np.concatenate([first.history, last.history[1:]]),
@@ -588,7 +588,10 @@ def are_same(first: Minimum, second: Minimum) -> bool:
 
 
 def _distance(first: Minimum, second: Minimum) -> float:
-    """Distance of two minima in posterior standard deviations; the larger of the values by their two linearizations."""
+    """Distance of two minima in posterior standard deviations; infinite if it is not finite.
+
+    It is the larger of the values by their two linearizations.
+    """
     step = second.theta - first.theta
     distance = max(float(np.linalg.norm(m.linearization.product(step))) for m in (first, second))
     return distance if np.isfinite(distance) else np.inf

@@ -325,10 +325,11 @@ def smooth(setup: SensingSetup, fit: Filtered) -> Smoothed:
 
 
 def smoothed_outputs(setup: SensingSetup, fit: Filtered) -> tuple[FloatArray, FloatArray]:
-    """Smoothed outputs (n_times, n), and the smoother gain (n_states, n_states).
+    """Smoothed outputs (n_times, n), SI units, and the smoother gain (n_states, n_states).
 
     Outputs are in order the wanted ones, left-out sensors and unknown forces. The gain is the factor by which the error
-    of a later state corrects the state one sample before. `fit` is the Kalman filter run over the record.
+    of a later state, in the scaled units of the filter, corrects the state one sample before. `fit` is the Kalman
+    filter run over the record.
     """
     steady, system, before = fit.steady, fit.steady.system, fit.before()
     back = np.linalg.solve(steady.predicted, system.transition @ steady.updated).T

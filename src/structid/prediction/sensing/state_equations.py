@@ -215,7 +215,8 @@ class ForceProcess:
 def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Filter against aliasing for a sampling `rate` in Hz, as (a, b, c, d) of x' = a x + b u and y = c x + d u.
 
-    a is (n, n), b and c are (n,), d is a number; without a rate n is 0 and d is 1.
+    It is an elliptic low-pass with its corner at half the rate; a (n, n) and b (n,) are in 1/s, c is (n,) and d a
+    number. Without a rate nothing is filtered: n is 0 and d is 1.
     """
     if rate is None:
         return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
@@ -424,5 +425,5 @@ def _output_matrices(
 
 
 def symmetric(matrix: FloatArray) -> FloatArray:
-    """A matrix that is symmetric but for rounding, made so."""
+    """The symmetric part of a `matrix` (n, n) that is symmetric but for rounding."""
     return np.asarray((matrix + matrix.T) / 2)

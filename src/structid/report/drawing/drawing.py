@@ -47,7 +47,11 @@ _IN_THE_WAY = 0.9
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """Projected nodes and the sizes of symbols."""
+    """Positions (2,) of nodes on paper by label, and the sizes of symbols, in one unit.
+
+    `axes` (3, 2) are the directions of X, Y and Z on paper. `size` is the extent of the drawing, `spacing` the least
+    distance of nodes that elements join, `height` half that of connectors and `radius` that of masses.
+    """
 
     structure: Structure
     points: Mapping[int, FloatArray]
@@ -58,7 +62,7 @@ class _Frame:
     radius: float
 
     def direction(self, dof: Dof) -> FloatArray:
-        """Direction on paper of the positive sense of `dof`, not of unit length."""
+        """Direction (2,) on paper of the positive sense of `dof`, not of unit length."""
         return self.axes[dof.axis % 3]
 
 
@@ -325,7 +329,7 @@ def _area(
 
 @dataclass(frozen=True, eq=False)
 class _Arrow:
-    """A sensor or a load."""
+    """Arrow of a sensor or a load: paths (n, 2) of its shaft and heads, and the point (2,) with its hover text."""
 
     dof: Dof
     shaft: FloatArray

@@ -27,7 +27,10 @@ _FEW = 12
 
 @dataclass(frozen=True)
 class Channel:
-    """One sensor and load: name, unit, and relative errors of the fitted and of the initial model."""
+    """One sensor and load: name, unit, and relative errors of the FRF over the lines on which the fit is judged.
+
+    They are median and 90 % quantile of the fitted model, and the median of the initial one.
+    """
 
     label: str
     unit: str

@@ -37,7 +37,8 @@ _LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 class Change:
     """Change of one element: the largest relative change among its parameters, and a text on each of them.
 
-    `is_significant` says whether the interval of a parameter leaves its initial value out.
+    `identified` is True if the data determine all of these parameters, `is_significant` if the interval of one of them
+    leaves its initial value out.
     """
 
     ratio: float

@@ -368,7 +368,7 @@ def boxes(
 
 
 def _lines(*points: FloatArray) -> FloatArray:
-    """One coordinate of n lines, given point by point, with NaN between the lines."""
+    """One coordinate of n lines, (n (m + 1),), from those of their m `points`, (n,) each, with NaN after each line."""
     return np.column_stack([*points, np.full(len(points[0]), np.nan)]).ravel()
 
 

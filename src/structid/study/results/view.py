@@ -170,7 +170,7 @@ class ParameterResult:
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """Fit of one channel: medians over its lines of the relative error of the FRF, after and before."""
+    """Fit of one channel: medians over its lines of the relative error of the fitted and of the initial FRF."""
 
     record: str
     output: str

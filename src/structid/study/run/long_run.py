@@ -51,7 +51,10 @@ _MOST_FILES = 64
 
 
 class RunIdentity(TypedDict):
-    """Versions and contents of all input files, which decide about every digit of a run."""
+    """Layout of the checkpoint, versions of packages and digests of input files, the latter two by name.
+
+    They decide about every digit of a run.
+    """
 
     layout: str
     versions: dict[str, str]
@@ -301,7 +304,11 @@ _SEGMENTS_A_WORKER = 2
 
 @dataclass
 class Reached:
-    """State of the running search, for the report of an interruption."""
+    """Name, iteration, sum of squares and free variables (n_params,) of the running search, for an interruption.
+
+    `tasks` are words on the tasks in work, "" if there are none. Before the first iteration `cost` is NaN, and
+    `problem` and `theta` are None.
+    """
 
     search: str = ""
     iteration: int = 0
@@ -551,7 +558,7 @@ class SpreadLines(Wrapped):
 
 
 class _Lines(TypedDict):
-    """Residual, and Jacobian where it is wanted, of some lines, and how many rows are of their data."""
+    """Residual (n,), and Jacobian (n, n_params) where it is wanted, of some lines; the first `n_data` rows are data."""
 
     residual: FloatArray
     jacobian: NotRequired[FloatArray]

@@ -291,7 +291,7 @@ def segments(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) 
 
 
 class ReducedSegment(TypedDict):
-    """Triangles, energies and counts of one segment."""
+    """Sums of the least-squares problem over one segment, with the keys that `reduced_segment` describes."""
 
     triangles: FloatArray
     energy: FloatArray

@@ -465,7 +465,11 @@ def _smooth_magnitudes(weights: FloatArray, values: ComplexArray) -> ComplexArra
 
 
 def _smoothed_lines(weights: FloatArray, lines: IntArray, power: FloatArray, values: ComplexArray) -> ComplexArray:
-    """Smoothed receptances of a solver at some of its lines, in the kind of a record."""
+    """Smoothed magnitudes (n, n_outputs, n_inputs) of a solver's FRFs at some of its lines, as receptances.
+
+    `values` (n_solver_lines, n_outputs, n_inputs) are at all lines of the solver, `lines` (n_lines,) the indices of
+    those that are used, `power` (n_lines,) the factor on each, and `weights` (n, n_lines) are those of the smoothing.
+    """
     return _smooth_magnitudes(weights, values[lines] * power[:, None, None])
 
 

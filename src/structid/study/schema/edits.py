@@ -17,7 +17,7 @@ from structid.study.schema.toml_lines import KeyPath, TomlTokens, header, parse_
 
 @dataclass(frozen=True)
 class _Span:
-    """A key and its value: begin of its line, begin and end of the value, and where the next line begins."""
+    """Indices in a text: where the line of a key begins, where its value begins and ends, and the next line begins."""
 
     start: int
     value: int

@@ -163,7 +163,7 @@ def _run_solver(section: Section, files: InputFiles) -> external.SolvedModel:
 
 
 class SolverCommand(NamedTuple):
-    """The command of a study, and what a user confirms of it before it runs."""
+    """The command of a study as written and as `words` to run, its input files by name, and the digest to confirm."""
 
     command: str
     words: list[str]
@@ -321,7 +321,7 @@ def positions_of(solved: external.SolvedModel) -> dict[int, list[float]]:
 
 
 class WantedFrfs(NamedTuple):
-    """Lines (n_lines,), Hz, and channels, each once."""
+    """Lines (n_lines,), Hz, sensors and loads that the records need of a solver, each once."""
 
     frequency: FloatArray
     outputs: tuple[Dof, ...]

@@ -361,7 +361,7 @@ def _read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
 
 
 def _named_shortly(source: str, path: Path) -> str:
-    """The name of the file, and what was said of how it was read."""
+    """The name of the file at `path`, then "; " and how it was read if `source` says so."""
     return "; ".join(filter(None, (path.name, how_read(source, path))))
 
 

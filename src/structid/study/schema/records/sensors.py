@@ -130,7 +130,7 @@ def _node_of_sensor(
 def _moving_direction(
     direction: tuple[float, float, float], node: int, structure: Structure
 ) -> tuple[float, float, float]:
-    """The vector `direction` with 0 along axes in which the node cannot move; `InputError` if nothing is left."""
+    """The vector `direction`, along X, Y and Z, with 0 where `node` cannot move; `InputError` if nothing is left."""
     moves = structure.numbering.directions(node)
     x, y, z = (part if axis in moves else 0.0 for part, axis in zip(direction, DIRECTIONS, strict=False))
     if not (x or y or z):
