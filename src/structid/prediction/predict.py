@@ -147,7 +147,7 @@ def predict(
     Examples
     --------
     >>> import structid as sid  # doctest: +SKIP
-    >>> found = sid.run_study("frame.toml").identification  # doctest: +SKIP
+    >>> found = sid.run_study(sid.load_study("frame.toml")).identification  # doctest: +SKIP
     >>> sid.predict(found, sid.Frf(["401X+"], ["103X+"], np.linspace(20, 150, 500)))  # doctest: +SKIP
     """
     return predict_together(source, [quantity], n_draws, seed, model_error)[0]
