@@ -312,6 +312,27 @@ def test_a_channel_of_labview_without_a_start_beside_others_is_said(tmp_path):
     assert "1X does not say" not in record.source
 
 
+def test_channels_of_labview_without_a_clock_or_not_chosen_are_not_said(tmp_path):
+    from datetime import datetime
+
+    from nptdms import ChannelObject, TdmsWriter
+
+    path, clock = tmp_path / "a.tdms", {"wf_increment": 0.01, "unit_string": "N"}
+    started = clock | {"wf_start_time": datetime(2026, 1, 1)}
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([
+            ChannelObject("T", "1X", np.arange(9.0), started),
+            ChannelObject("T", "2X", np.arange(9.0), clock),
+            ChannelObject("S", "peak", np.arange(3.0), {"unit_string": "N"}),
+        ])  # fmt: skip
+    assert (
+        "2X does not say when it starts"
+        in read_record(path, ReadOptions(columns=("T/1X", "T/2X"), channels="1X,2X")).source
+    )
+    assert "does not say" not in read_record(path, ReadOptions(columns=("T/1X",), channels="1X")).source
+    assert not [one.note for one in logger(str(path), "tdms") if one.name == "S/peak" and one.note]
+
+
 def test_decimal_numbers_of_parquet_are_numbers(tmp_path):
     pa = pytest.importorskip("pyarrow", reason="needs structid[parquet]")
     from pyarrow import parquet

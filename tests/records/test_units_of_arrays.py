@@ -348,7 +348,15 @@ def test_a_rate_in_words_must_agree(tmp_path, text, is_refused):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "stated"), [("SampleRate", 200.0, 200), ("SampleFrequency", "50", 50), ("dt", 0.01, 0)]
+    ("key", "value", "stated"),
+    [
+        ("SampleRate", 200.0, 200),
+        ("SampleFrequency", "50", 50),
+        ("dt", 0.01, 0),
+        ("fs_khz", 0.05, 50),
+        ("dt_ms", 10.0, 0),
+        ("fs", np.inf, 0),
+    ],
 )
 def test_a_rate_that_stands_elsewhere_is_said(tmp_path, key, value, stated):
     path = stored(tmp_path / "a.h5")
@@ -357,3 +365,9 @@ def test_a_rate_that_stands_elsewhere_is_said(tmp_path, key, value, stated):
     source = read_record(path, ReadOptions(sampling_rate=100.0, channels="1X,2X", units="g")).source
     assert ("sampled at 100 Hz as given, though header" in source) == bool(stated)
     assert source.endswith(f"{key} says {stated}") == bool(stated)
+
+
+def test_a_rate_of_another_array_is_not_said_where_the_own_one_agrees(tmp_path):
+    path = save(tmp_path / "a.h5", {"acc": {"data": HISTORY, "fs": 100.0}, "strain": {"fs": 50.0}})
+    options = ReadOptions(array="acc/data", sampling_rate=100.0, channels="1X,2X", units="g")
+    assert "strain" not in read_record(path, options).source

@@ -100,7 +100,7 @@ def _read_tdms(path: str) -> Iterator[Channel]:
     """Numeric channels of a TDMS file of LabVIEW, named group/channel if several groups have channels.
 
     Starts are in s after the channel that starts first. The rate is 0 Hz for a channel without a step. Notes tell of a
-    file that was cut short, and of a channel without a start beside others that have one.
+    file that was cut short, and of a channel with a step but no start beside others that have one.
     """
     from nptdms import TdmsFile
 
@@ -121,7 +121,7 @@ def _read_tdms(path: str) -> Iterator[Channel]:
                 start = _tdms_start(channel)
                 later = 0.0 if start is None else float((start - first) / np.timedelta64(1, "us")) * 1e-6
                 notes = ["the file ends within its last segment: the copy, or the logger, broke off"] if cut else []
-                if start is None and any(other is not None for other in starts):
+                if step > 0 and start is None and any(other is not None for other in starts):
                     notes.append(f"{channel.name} does not say when it starts, taken as the first that does")
                 yield _make_channel(
                     f"{group.name}/{channel.name}" if several else channel.name,

@@ -95,7 +95,7 @@ def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions
         rate=rate,
         start=start,
         numbers=tuple(numbers[j] for j in wanted),
-        words=words + note + "".join(f", {text}" for text in dict.fromkeys(one.note for one in channels) if text),
+        words=words + note + "".join(f", {text}" for text in dict.fromkeys(channels[j].note for j in wanted) if text),
     )
 
 

@@ -108,7 +108,7 @@ def require_agreement(
         `sampling_rate`; if a unit beside it is not SI and no option states the unit; if names of channels, or the unit in
         the array's name, differ from the options.
     """
-    parts, notes = _parts(array), list[str]()
+    parts, notes, elsewhere, is_rate_stated = _parts(array), list[str](), list[str](), False
     _require_name_agrees(path, array, options)
     for name, value in statements.items():
         if name == array:
@@ -123,19 +123,15 @@ def require_agreement(
         elif key in _NAMES and isinstance(value, tuple):
             _require_channels(path, name, value, options)
         elif options.sampling_rate and (numbers := _numbers_of(value, _plain(where[-1]))) is not None:
-            base, factor = _with_unit(name) or (key, 1.0)
-            if not key and (elsewhere := _plain(where[-1])) in _RATES | _STEPS:
-                notes.append(_note_of_rate(name, elsewhere, numbers, options.sampling_rate))
-            _require_rate(
-                path,
-                name,
-                base if key else "",
-                numbers * factor,
-                shape[0] if shape else 0,
-                options.sampling_rate,
-                _TIME_UNITS if base == key else (1.0,),
-            )
-    return "; ".join(filter(None, notes))
+            base, factor = _with_unit(name) or (key or _plain(where[-1]), 1.0)
+            if key:
+                units = _TIME_UNITS if base == key else (1.0,)
+                n_points = shape[0] if shape else 0
+                agrees = _agrees_on_rate(path, name, base, numbers * factor, n_points, options.sampling_rate, units)
+                is_rate_stated = is_rate_stated or agrees
+            elif base in _RATES | _STEPS:
+                elsewhere.append(_note_of_rate(name, base, numbers * factor, options.sampling_rate))
+    return "; ".join(filter(None, notes if is_rate_stated else notes + elsewhere))
 
 
 def _numbers_of(value: np.ndarray | tuple[str, ...], plain: str) -> np.ndarray | None:
@@ -161,9 +157,9 @@ def _numbers_of(value: np.ndarray | tuple[str, ...], plain: str) -> np.ndarray |
 def _note_of_rate(name: str, plain: str, numbers: np.ndarray, rate: float) -> str:
     """Note on a rate (Hz) or step (s) that stands elsewhere in the file, where it differs from the sampling rate `rate`; else "".
 
-    `name` is that of the statement, `plain` its last part in small letters, `numbers` what it holds.
+    `name` is that of the statement, `plain` its last part in small letters and without a unit, `numbers` what it holds.
     """
-    if numbers.size != 1 or not numbers.flat[0] > 0:
+    if numbers.size != 1 or not 0 < numbers.flat[0] < np.inf:
         return ""
     stated = float(numbers.flat[0] if plain in _RATES else 1 / numbers.flat[0])
     if abs(stated / rate - 1) <= _AGREE:
@@ -359,13 +355,13 @@ def _compare_units(path: Path, array: str, name: str, texts: tuple[str, ...], op
     return ""
 
 
-def _require_rate(
+def _agrees_on_rate(
     path: Path, name: str, key: str, value: np.ndarray, n_points: int, rate: float, of_times: tuple[float, ...]
-) -> None:
-    """Raise `InputError` if a rate (Hz), a step (s) or the times of the samples contradict the sampling rate `rate` in Hz.
+) -> bool:
+    """True if a rate (Hz), a step (s) or the times of the samples agree with the sampling rate `rate` in Hz.
 
-    `key` is the plain name of the statement `name`, `value` what it says, and `n_points` the number of samples. `of_times` are
-    the units, in s, that times may have: one of them must fit. Any other statement passes.
+    `InputError` if they contradict it; False for any other statement. `key` is the plain name of the statement `name`, `value`
+    what it says, and `n_points` the number of samples. `of_times` are the units, in s, that times may have: one of them must fit.
     """
     numbers = np.ravel(value).astype(float)
     if key in _TIMES and numbers.size == n_points > 2 and numbers[-1] > numbers[0]:
@@ -374,9 +370,10 @@ def _require_rate(
     elif numbers.size == 1 and numbers[0] > 0 and key in _RATES | _STEPS:
         stated, units = (numbers[0] if key in _RATES else 1 / numbers[0]), (1.0,)
     else:
-        return
+        return False
     if all(abs(stated / unit / rate - 1) > _AGREE for unit in units):
         raise InputError(
             f"{path}: {name} says {stated:.6g} samples a second, but `sampling_rate` {rate:g} was given; correct one of them",
             "sampling_rate",
         )
+    return True
