@@ -52,7 +52,7 @@ def new_table(*columns: str) -> Table:
 
 
 def groups(identifiability: Identifiability) -> list[RenderableType]:
-    """The groups of parameters that the data see together, the worst determined ones, in words."""
+    """Texts on the worst determined groups of parameters that the data see together; [] if there are none."""
     return [Text(group.words) for group in identifiability.groups[:_MOST_GROUPS]]
 
 

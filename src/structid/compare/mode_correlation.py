@@ -346,7 +346,7 @@ class ModesCorrelation:
 
     @cached_property
     def seen(self) -> FloatArray:
-        """Shapes of the model at the sensors, (n_channels, n_model)."""
+        """Shapes of the model, of unit modal mass, at the sensors, (n_channels, n_model)."""
         return np.asarray(self.sensors.T @ self.model.mode_shapes)
 
     @cached_property
@@ -621,7 +621,7 @@ def correlated_modes(
 
 
 def _moving(pairing: Pairing) -> NDArray[np.bool_]:
-    """Modes of the model that move the sensors."""
+    """Mask (n_model,) of the modes of the model that move the sensors: their MAC with some measured mode is above 0."""
     return np.asarray((pairing.mac > 0).any(axis=0))
 
 

@@ -46,7 +46,7 @@ class ResponsesCorrelation:
 
     @cached_property
     def resonances(self) -> tuple[Resonance, ...]:
-        """Resonance peaks of the record, each with the nearest peak of the model."""
+        """Resonance peaks of the record, each with the nearest peak of the model; () if the record has none."""
         return resonances(self.record, self.model)
 
     @cached_property

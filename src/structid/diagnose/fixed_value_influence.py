@@ -127,7 +127,10 @@ def doubted(sensitivities: Sequence[FixedValueSensitivity]) -> tuple[FixedValueS
 
 
 def resting(sensitivities: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
-    """Fixed values in order of influence, the largest first: the change of a parameter per 1 %, in its standard deviations."""
+    """All `sensitivities`, that of the most influential fixed value first.
+
+    Influence is the largest change of a parameter per 1 % of the fixed value, in standard deviations of the parameter.
+    """
     return sorted(sensitivities, key=lambda one: -abs(one.distance[one.most_moved]))
 
 

@@ -410,11 +410,11 @@ class ModifiedModel:
 
     @property
     def shown_problems(self) -> tuple[FrfProblem, ...]:
-        """The views as they are."""
+        """FRF problems of the `views`, one for each, as they are."""
         return tuple(view.problem for view in self.views)
 
     def anchored_views(self) -> tuple[FrfProblem, ...]:
-        """The views in the form of the anchored fit."""
+        """FRF problems of the `views`, one for each, with the log residual and model error of the anchored fit."""
         return tuple(replace(one, form="log", model_error=NEAR_MODEL_ERROR) for one in self.shown_problems)
 
     def point_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: int = MOST_LINES) -> Point:

@@ -35,10 +35,10 @@ class Flexibility(Protocol):
     """Receptances G = Z^-1 of a model, m/N, at the frequencies of a record."""
 
     def block(self, rows: IntArray) -> ComplexArray:
-        """G among some degrees of freedom, (n_lines, n_rows, n_rows)."""
+        """G among the degrees of freedom at indices `rows` (n_rows,), (n_lines, n_rows, n_rows)."""
 
     def motion(self, forces: FloatArray | ComplexArray) -> ComplexArray:
-        """G f under forces (n_dofs, n) or (n_lines, n_dofs, n): (n_lines, n_dofs, n)."""
+        """Motion G f, m or rad, under `forces` f, (n_dofs, n) or (n_lines, n_dofs, n): (n_lines, n_dofs, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ class Receptances:
 
     @cached_property
     def undriven(self) -> IntArray:
-        """Positions of the degrees of freedom whose motion no support prescribes, (n_undriven,)."""
+        """Indices (n_undriven,) of the degrees of freedom whose motion no support prescribes."""
         given = self.structure.selection([base.supports[0].unsigned for base in self._bases])
         return np.setdiff1d(np.arange(self.structure.n_dofs), given.indices)
 
@@ -410,7 +410,7 @@ class Receptances:
 
     @cached_property
     def _follow(self) -> FloatArray:
-        """Matrix from the motion of the free degrees of freedom to that of all, (n_codes, n_dofs)."""
+        """Matrix (n_codes, n_dofs) from the motion of the free degrees of freedom to that of all, sorted by code."""
         return np.asarray(self.structure.numbering.matrix.toarray())
 
 

@@ -94,7 +94,7 @@ class FittedModel:
 
     @property
     def values(self) -> dict[str, float]:
-        """Physical values by name."""
+        """Identified values in SI units by parameter name, at `theta`."""
         return self.modified.values(self.theta)
 
     @cached_property
@@ -408,7 +408,10 @@ def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Mi
 
 
 def _values_in_study(modified: ModifiedModel, theta: FloatArray, base: FittedModel) -> dict[str, float]:
-    """Physical values, by name, of the parameters that a changed model has in common with the study as it is."""
+    """Values in SI units, by name, of the parameters that a changed model has in common with the model of `base`.
+
+    `theta` (n_params,) are the free variables of the changed model `modified`.
+    """
     return {name: value for name, value in modified.values(theta).items() if name in base.modified.target.names}
 
 

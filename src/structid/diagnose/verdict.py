@@ -165,7 +165,7 @@ class Cause:
 
     @property
     def moves(self) -> float:
-        """Largest shift of a parameter by this cause, in standard deviations of the answer."""
+        """Largest shift of a parameter by this cause, in standard deviations of the answer; 0 if no shift is known."""
         return self.moved[0].distance if self.moved else 0.0
 
 
@@ -207,7 +207,7 @@ class Diagnosis(Shown):
 
     @property
     def named(self) -> tuple[Cause, ...]:
-        """Changes to show: the causes, or, without causes, those that lower the misfit most."""
+        """Changes to show: the causes, or, without causes, those that lower the misfit most; () without these too."""
         return self.causes or self.suggestions
 
 

@@ -292,7 +292,7 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def loads(self) -> tuple[Dof, ...]:
-        """Loads of the first record; modes have none."""
+        """Loads of the first record of responses; () where all records are of modes."""
         return self.fits[0].problem.record.inputs if self.fits else ()
 
     @property

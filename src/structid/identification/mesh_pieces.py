@@ -313,7 +313,7 @@ def _followed_shift(
 
 
 def _largest(values: FloatArray) -> float:
-    """Largest size among `values`; those that are NaN do not count."""
+    """Largest magnitude among `values` (any shape), NaN left out; 0 if they are empty."""
     return float(np.abs(np.nan_to_num(values)).max(initial=0.0))
 
 

@@ -157,7 +157,7 @@ def takes_matrix_free(terms: Sequence[Regularization]) -> str:
 
 
 def coupled(problems: Sequence[RecordProblem], couplings: Sequence[Coupling]) -> tuple[RecordProblem, ...]:
-    """The problems with `couplings`, which stand with the parameters of the first."""
+    """Copies of the problems in which the parameters of the first have the additional `couplings`."""
     first = problems[0]
     return (first.with_parameters(first.parameters.coupled(*couplings)), *problems[1:])
 

@@ -341,7 +341,7 @@ def _as_searched(again: Estimate, first: Estimate) -> Estimate:
 
 
 def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:
-    """Polarities of the channels of all records, +1 or -1."""
+    """Polarities of the channels of all records, one record after another, +1 or -1."""
     return tuple(sign for problem in problems for sign in polarities(problem))
 
 

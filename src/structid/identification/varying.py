@@ -63,7 +63,7 @@ class Varied:
 
     @property
     def outlying(self) -> tuple[int, ...]:
-        """Positions of the values that stand out beyond chance."""
+        """Indices of the values that stand out beyond chance; a value with a p-value of NaN does not."""
         return tuple(np.flatnonzero(np.nan_to_num(self.p_values, nan=1.0) < _RISK).tolist())
 
     @property
@@ -94,7 +94,7 @@ class Varied:
 
     @property
     def outlying_words(self) -> tuple[str, ...]:
-        """Sentences on the values that stand out, one each."""
+        """Sentences on the values that stand out, one each; () if none does."""
         return tuple(
             f"{self.records[k]} stands out: its {self.common[k]} is {abs(self.deviations[k]):.2g} scatters"
             f" {'above' if self.deviations[k] > 0 else 'below'} the others (p = {self.p_values[k]:.2g})"
@@ -148,7 +148,7 @@ def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[R
 
 
 def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -> tuple[RecordProblem, ...]:
-    """The problems with new standard deviations `std` of their scatters, by name."""
+    """The problems with new standard deviations `std`, by name, of their scatters; unchanged without scatters."""
     return tuple(
         problem.with_parameters(with_scatter(problem.parameters, std)) if problem.parameters.scatters else problem
         for problem in problems
@@ -156,7 +156,7 @@ def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -
 
 
 def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """Scatters whose size the data choose."""
+    """Scatters whose size no record states, so that the data choose it; () if there are none."""
     stated = {scatter.name for p in problems for scatter in p.parameters.scatters if scatter.given is not None}
     return tuple(scatter for scatter in scatter_problems(problems) if scatter.name not in stated)
 

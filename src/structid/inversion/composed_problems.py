@@ -181,7 +181,7 @@ class FixedVariables(Problem):
         return self.problem.rows
 
     def whole(self, others: FloatArray) -> FloatArray:
-        """All free variables, (n_params,), from the others."""
+        """All free variables, (n_params,), from `others` (n_free,), those that are not fixed."""
         return self.unknowns.whole(others)
 
     def residual(self, others: FloatArray) -> FloatArray:

@@ -74,7 +74,7 @@ class FixedChanges(Protocol):
 
     @property
     def changes(self) -> FloatArray:
-        """Physical units, (n_params, n_changes)."""
+        """Changes of the parameters by one error of each cause, physical units, (n_params, n_changes)."""
         ...
 
 
@@ -110,7 +110,7 @@ class States:
 
     @property
     def change(self) -> FloatArray:
-        """(n,), physical units."""
+        """Value after less value before, (n,), physical units."""
         return self.after - self.before
 
 

@@ -56,7 +56,7 @@ def parse_inputs(inputs: Sequence[Input | str]) -> tuple[Input, ...]:
 
 
 def input_words(inputs: Sequence[Input]) -> tuple[str, ...]:
-    """Names of degrees of freedom and of bases."""
+    """Names of `inputs`, in their order: degrees of freedom such as ``12Y``, and bases by their own."""
     return tuple(each.name if isinstance(each, Base) else str(each) for each in inputs)
 
 

@@ -102,7 +102,7 @@ class ModalParticipation:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the three columns."""
+        """Units of the three columns: participation, effective mass, and part of the mass."""
         return ("kg^0.5", "kg", "1")
 
     @property

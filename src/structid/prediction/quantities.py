@@ -418,7 +418,7 @@ class DerivedQuantity(Quantity, Protocol):
     def base(self) -> Quantity: ...
 
     def derived(self, values: NumberArray) -> NumberArray:
-        """The quantity from the values of `base`."""
+        """The quantity from `values` of its `base`, which have the axes of that."""
         ...
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
@@ -454,7 +454,7 @@ class Maxima(DerivedQuantity):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the history."""
+        """SI unit of each output, that of the history."""
         return self.history.units
 
 
@@ -678,7 +678,7 @@ class NaturalModes:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of frequencies and of damping ratios."""
+        """Units of the two columns, frequencies and damping ratios."""
         return ("Hz", "1")
 
     @property

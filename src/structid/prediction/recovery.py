@@ -407,7 +407,7 @@ class OutputMap:
 
     @property
     def orders(self) -> tuple[int, ...]:
-        """Derivatives of motion that are read, each once."""
+        """Derivatives of displacement in time that are read (0, 1 or 2), each once, rising."""
         return tuple(sorted(set(self.derivative.tolist())))
 
     def rows(self, values: FloatArray) -> sparse.csc_array:
@@ -501,7 +501,10 @@ def _element_weight(part: Contribution, row: int, values: FloatArray) -> float:
 
 
 def _over_stiffness(weight: Callable[[FloatArray], float], index: int, values: FloatArray) -> float:
-    """A weight over the stiffness that the property values have at `index`; 0 where there is none, and hence no force."""
+    """`weight` of the property `values` over the stiffness, their entry `index`; 0 unless that is positive.
+
+    `values` are (n_values,).
+    """
     return weight(values) / float(values[index]) if values[index] > 0 else 0.0
 
 

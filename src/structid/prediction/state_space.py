@@ -317,7 +317,7 @@ class _Equations:
         return np.asarray(total * s[:, None, None] if self.is_differentiated else total)
 
     def miss(self, frequency: FloatArray, exact: np.ndarray) -> float:
-        """Largest error over the largest value of exact FRFs."""
+        """Largest error of the FRFs at `frequency` (n_lines,), Hz, over the largest magnitude of the `exact` ones."""
         return float(np.abs(self.frf(frequency) - exact).max() / np.abs(exact).max())
 
     def balance(self, highest: float) -> list[_Balance]:

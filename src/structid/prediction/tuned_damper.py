@@ -159,7 +159,7 @@ def tune_damper(
     rows, columns = np.ix_([sensors.index(d) for d in read], [loads.index(d) for d in pushed])
 
     def peaks(receptance: ComplexArray) -> FloatArray:
-        """Largest magnitude among the chosen channels of receptances (..., n_lines, n_outputs, n_inputs)."""
+        """Largest magnitude (...), m/N, at the chosen channels of `receptance` (..., n_lines, n_outputs, n_inputs)."""
         return np.asarray(np.abs(receptance[..., rows, columns]).max(axis=(-3, -2, -1)))
 
     def nominal_peak(frequency: float, ratio: float) -> float:

@@ -98,7 +98,7 @@ class Reading:
 
 
 def in_rad_per_s(*omega: float) -> tuple[float, ...]:
-    """Frequencies in Hz, as a tuple, of the circular frequencies `omega` in rad/s."""
+    """Frequencies in Hz, as a tuple, that are given as circular frequencies `omega` in rad/s."""
     return tuple(float(value / (2 * np.pi)) for value in omega)
 
 

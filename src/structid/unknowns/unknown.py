@@ -219,7 +219,7 @@ class ParameterGroup:
 
     @cached_property
     def first(self) -> IntArray:
-        """First entry of each parameter, (n_params,)."""
+        """Index, (n_params,), of the first entry of each parameter."""
         return np.searchsorted(self.owner, np.arange(self.n_params))
 
     @cached_property

@@ -81,7 +81,10 @@ class Candidate(metaclass=ABCMeta):
         yield from ()
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs); 0 by default, where only a fit shows the change."""
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), in its unit, by each of `strengths`.
+
+        Zeros by default, where only a fit shows the change.
+        """
         return np.zeros((len(strengths), *receptances.frf.shape), dtype=np.complex128)
 
     @abstractmethod
@@ -104,7 +107,7 @@ class Candidate(metaclass=ABCMeta):
 
     @property
     def place(self) -> tuple[str, tuple[str, ...]]:
-        """Kind and place, whatever the record."""
+        """Kind and `where` as a tuple: equal for the same change of different records."""
         return self.kind, self.where
 
     @property
@@ -119,7 +122,7 @@ class Candidate(metaclass=ABCMeta):
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Places of the change as results list them."""
+        """Places of the change as results list them, `where` by default."""
         return self.where
 
     @property

@@ -110,7 +110,7 @@ class DampingLaw(Candidate):
 
 
 def _plain(values: list[float]) -> float | list[float]:
-    """The value itself where all `values` are equal, otherwise the list of them."""
+    """The one value where all `values` are equal, otherwise the list of them; there must be some."""
     return values[0] if len(set(values)) == 1 else values
 
 

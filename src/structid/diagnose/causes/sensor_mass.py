@@ -87,11 +87,11 @@ class SensorMass(Candidate):
 
 
 def _sensed(receptances: Receptances) -> tuple[int, ...]:
-    """Labels of the nodes of a record's translation sensors that are free to move."""
+    """Labels of the nodes of a record's translation sensors that are free to move, each once; () if none is."""
     nodes = dict.fromkeys(dof.node for dof in receptances.problem.record.outputs if not dof.is_rotation)
     return tuple(node for node in nodes if _translations(receptances, (node,)))
 
 
 def _translations(receptances: Receptances, nodes: Collection[int]) -> list[Dof]:
-    """The translations in which these nodes are free to move."""
+    """The translations in which the nodes with labels `nodes` are free to move, in the order of `receptances`."""
     return [dof for dof in receptances.columns if dof.node in nodes and not dof.is_rotation]

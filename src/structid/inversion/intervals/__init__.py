@@ -139,7 +139,10 @@ class DrawSource(Protocol):
     def names(self) -> tuple[str, ...]: ...
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Draws in physical units, (n_chains, n_draws, n_params)."""
+        """Draws in physical units, (n_chains, n_draws, n_params).
+
+        Kinds that store draws give all of them, whatever `n_draws`.
+        """
         ...
 
 

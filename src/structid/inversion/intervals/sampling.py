@@ -58,7 +58,7 @@ class Samples:
     n_evaluations: int
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """All draws, (n_chains, n_draws, n_params)."""
+        """All draws, (n_chains, n_draws, n_params), physical units; `n_draws` and `rng` are not used."""
         return self.samples
 
     @property

@@ -220,12 +220,12 @@ class Method(Protocol[P]):
 
     @property
     def initial_damping(self) -> float:
-        """First multiple of diag(J'J)."""
+        """Factor on diag(J'J) that is added to J'J in the first step."""
         ...
 
     @property
     def largest_step(self) -> float:
-        """No parameter changes in one step by more than this part of its largest magnitude so far."""
+        """Largest change of a parameter in one step, as a part of its largest magnitude so far."""
         ...
 
     def at(self, problem: Problem, theta: FloatArray) -> P:

@@ -101,7 +101,7 @@ class FactoredPoint(Point[Linearization]):
 
     @property
     def rounding(self) -> float:
-        """Change of the residual by a relative rounding of all parameters."""
+        """Norm of the change of the residual by a rounding of all parameters relative to their sizes."""
         return _ROUNDING * float(np.linalg.norm(self.triangle * self.size))
 
     def promised(self, step: FloatArray) -> float:

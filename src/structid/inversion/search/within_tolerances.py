@@ -113,7 +113,7 @@ class FixedValues:
         return _FAR * self.problem.n_data
 
     def _lost(self, theta: FloatArray) -> NDArray[np.bool_]:
-        """Which of the free variables `theta` lie so far from their starts that the data do not see the way back."""
+        """Mask (n_params,) of free variables `theta` so far from their starts that the data do not see the way back."""
         start = np.array(self.problem.theta_start)
         return np.abs(theta - start) > _LOST * sizes_at(self.problem, start)
 

@@ -108,7 +108,7 @@ class Filtered:
     log_likelihood: float
 
     def before(self) -> FloatArray:
-        """Mean before the reading of each sample, (n_times, n_states)."""
+        """Mean of the state before the reading of each sample, (n_times, n_states), in its scaled units."""
         at_rest = np.zeros_like(self.from_rest[1:])
         return self.from_rest + stepped(self.steady.step, at_rest, self.start)
 

@@ -145,7 +145,7 @@ class LeftOutSensor:
 
     @property
     def ratio(self) -> float:
-        """Root mean square of measured less sensed over the stated deviation: 1 is right."""
+        """Root mean square over time of (measured - sensed) / std, dimensionless; about 1 if the deviation is right."""
         return float(np.sqrt(np.mean(((self.measured - self.sensed) / self.std) ** 2)))
 
 
@@ -198,7 +198,7 @@ class SensedMotion(Shown):
 
     @property
     def checks(self) -> tuple[tuple[Dof, float], ...]:
-        """Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right."""
+        """Pairs of a sensor that was left out and its `ratio` of error to stated deviation; () if none was."""
         return tuple((sensor.dof, sensor.ratio) for sensor in self.left_out)
 
     @property

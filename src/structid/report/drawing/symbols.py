@@ -104,12 +104,12 @@ def disc(centre: FloatArray, radius: float) -> FloatArray:
 
 
 def square(centre: FloatArray, half: float) -> FloatArray:
-    """Closed square as a path (5, 2) about `centre`; `half` is half its side."""
+    """Closed square as a path (5, 2) about `centre` (2,); `half` is half its side, in the same unit."""
     return centre + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
 
 
 def triangle(tip: FloatArray, size: float) -> FloatArray:
-    """Closed triangle as a path (4, 2) of height `size`, standing below its upper corner `tip`."""
+    """Closed triangle as a path (4, 2) of height `size`, standing below its upper corner `tip` (2,)."""
     return tip + size * np.array([[0.0, 0.0], [0.6, -1.0], [-0.6, -1.0], [0.0, 0.0]])
 
 

@@ -326,7 +326,7 @@ class _Canvas:
             )  # fmt: skip
 
     def _order(self) -> float:
-        """Above all that is there."""
+        """Matplotlib drawing order (zorder) above all artists that `axes` have so far."""
         return 2.0 + 0.001 * len(self.axes.get_children())
 
 

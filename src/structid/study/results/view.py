@@ -125,11 +125,11 @@ class ParameterResult:
 
     @property
     def scale(self) -> tuple[float, str]:
-        """A power of 1000 and the unit with its prefix, in which value and initial value have few digits."""
+        """Power of 1000, and the unit with its prefix: numbers over the power are in that unit, with few digits."""
         return prefixed(self.unit, self.value, self.initial)
 
     def scaled(self, value: float) -> float:
-        """`value` in the unit with its prefix."""
+        """A `value` in SI units, in the unit with its prefix; see `scale`."""
         return value / self.scale[0]
 
     @property
@@ -231,7 +231,7 @@ class ResultsView(Shown):
 
     @property
     def listed(self) -> tuple[ParameterResult, ...]:
-        """The parameters but for the values that single records have of a property that varies."""
+        """All parameters, except the values of single records of a property that varies between records."""
         return tuple(parameter for parameter in self.parameters if not parameter.is_own)
 
     @property

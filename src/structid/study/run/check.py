@@ -271,7 +271,7 @@ class PredictedIdentification:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters of the structure, then of those of the records' channels."""
+        """Names of the parameters, each once: record by record those of the structure, then those of its channels."""
         return self.problem.names
 
     @property

@@ -304,7 +304,7 @@ def kind_under(inputs: Sequence[Input], kind: FrfKind) -> FrfKind:
 
 
 def _inputs(structure: Structure, names: Sequence[str | Dof], options: PredictOptions) -> tuple[Input, ...]:
-    """Loads by their names: a degree of freedom, or where that is a support the base that moves with it."""
+    """Loads in the order of their `names`: a degree of freedom, or, for a support, the base that moves with it."""
     return tuple(_input(structure, dof, options.supports == "together") for dof in parse_dofs(names))
 
 

@@ -164,7 +164,7 @@ class Duration:
 
     @property
     def most(self) -> float:
-        """Duration with a search for causes, where it is not known whether one is needed."""
+        """Duration, s, with the search for causes, which may turn out not to be needed."""
         return self.around + self.search + self.causes
 
 

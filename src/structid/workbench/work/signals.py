@@ -96,7 +96,7 @@ def _channels(dofs: tuple[Dof, ...], role: str = "sensor") -> list[dict[str, Sto
 
 
 def _units(record: ChunkedRecord) -> list[str]:
-    """SI unit of each channel."""
+    """SI unit of each channel of `record`, in order."""
     return [QUANTITY_UNITS[kind][dof.is_rotation] for dof, kind in zip(record.channels, record.quantities, strict=True)]
 
 
