@@ -692,7 +692,7 @@ def _judged(
 def _far_outside_words(identification: Identification, change: Cause) -> str:
     """End of a sentence on a change of the model that would move a parameter far outside its interval; "" if none moves so.
 
-    "" too for a parameter that the data do not determine, which other words say.
+    "" too for a parameter that the data do not determine, which another part of the verdict says.
     """
     if not change.moves > TOLD_SHIFT:
         return ""

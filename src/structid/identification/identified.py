@@ -59,7 +59,7 @@ class MissedValues:
     what : str
         Such as ``the frequencies of "ambient"``.
     n_values, n_others : int
-        Of them, and of all other data.
+        Numbers of these values, and of all data besides.
     chi_square_per_value : float
     """
 

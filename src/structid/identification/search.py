@@ -142,7 +142,7 @@ def search_parameters(
 
 
 def _require_single_record(alone: AnySetup, setups: Sequence[AnySetup], options: IdentifyOptions) -> None:
-    """Raise `InputError` if a set-up with an estimator of its own comes with others, or with options it cannot take."""
+    """Raise `InputError` if `alone`, which has its own estimator, is not the only set-up, or cannot take `options`."""
     if len(setups) > 1 or options.regularization or options.intervals != "laplace" or options.band or options.exclude:
         raise InputError(
             f"{alone.own_estimator} takes one record, all of it, without regularization and with Laplace intervals;"
@@ -156,7 +156,10 @@ def _search_starts(
     options: IdentifyOptions,
     wide: int,
 ) -> Search:
-    """Numbers and starts of the searches with a Jacobian; `wide` is the number of wide starts."""
+    """Numbers and starts of the searches with a Jacobian; `wide` is the number of wide starts, 0 for none.
+
+    `regular_problems` are the regularized `problems`; wide starts are searched with these where all data are modes.
+    """
     is_modal = all(np.isnan(problem.facts.line_spacing).all() for problem in problems)  # a wrong minimum may fit modes
     return Search(
         options.restarts,

@@ -126,7 +126,7 @@ class Goodness:
         Correlation length of the residual in lines; about 1 for noise.
     residual_tests : ResidualTests or None
         Tests whether the residual looks like noise; None where there is no residual to test. They are of the fit with fixed values
-        free within their tolerances where noise alone does not explain the other.
+        free within their tolerances where noise alone does not explain that with exact ones.
     expected_per_dof : float
         Chi-square per degree of freedom where all is right: 1, and more where few averages tell the noise.
     n_values : int

@@ -206,14 +206,14 @@ class LastEvaluation(Generic[T]):
         return evaluation
 
     def known(self, theta: FloatArray) -> T | None:
-        """The evaluation that is kept of the free variables `theta` (n_params,); None if it is of others."""
+        """The evaluation that is kept of exactly the free variables `theta` (n_params,); None if there is none."""
         return self._kept[1] if self._kept is not None and self._kept[0] == theta.tobytes() else None
 
     def keep(self, theta: FloatArray, evaluation: T) -> None:
         self._kept = theta.tobytes(), evaluation
 
     def taken(self, theta: FloatArray) -> T | None:
-        """The evaluation that is kept of `theta` (n_params,), None if it is of others; nothing is kept afterwards."""
+        """The evaluation that `known` gives of `theta` (n_params,); nothing is kept afterwards."""
         evaluation, self._kept = self.known(theta), None
         return evaluation
 

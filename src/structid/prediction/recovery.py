@@ -41,7 +41,10 @@ _EXAMPLES = "M[deck:3@12], stress[deck:3@12 y=0.05 E=2.1e11] or von_mises[plate:
 
 @dataclass(frozen=True)
 class _Term:
-    """A column over the degrees of freedom, for a derivative of motion, with its weight as a function of property values."""
+    """A `column` (n_free,) over the degrees of freedom, for a `derivative` of displacement in time (0, 1 or 2).
+
+    Its `weight` is a function of the property values (n_values,).
+    """
 
     derivative: int
     column: FloatArray

@@ -207,7 +207,7 @@ def _kind_of(elements: ElementSet, row: IntArray) -> str:
 
 
 class _Middles:
-    """Labels of the nodes amid others, each made when it is first asked for."""
+    """Labels and positions (m) of the nodes midway between nodes, each made when it is first asked for."""
 
     def __init__(self, structure: Structure) -> None:
         """An empty table of midway nodes; new labels follow the largest label of the nodes and mesh points of `structure`."""

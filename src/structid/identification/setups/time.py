@@ -398,7 +398,7 @@ class AveragedHistories:
 
     @cached_property
     def _parts(self) -> FloatArray | None:
-        """Combination of forces that always act together; see `joint_weights`."""
+        """Weights that combine forces which always act together, None if none do; see `joint_weights`."""
         return joint_weights(self.record.values[:, self._is_force])
 
     @property

@@ -213,7 +213,7 @@ class CollinearGroup:
         Relative standard deviation of each.
     together : float
         That of what the data do see: for two parameters their ratio or product, for more the worst of them if the
-        others were known.
+        other members were known.
     condition : float
         Condition index of the dependency that binds them; infinite for an exact one.
     words : str

@@ -277,7 +277,10 @@ _Point = tuple[float, float, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The walk from the estimate to one side, `sign` -1 or 1, in units of the free variable."""
+    """The walk from the estimate to one side of parameter `index`, `sign` -1 or 1, in units of its free variable.
+
+    It ends where the root of the deviance, the increase of the sum of squares over `scale`, is `quantile`.
+    """
 
     problem: Problem
     estimate: Estimate

@@ -118,7 +118,10 @@ class Filtered:
 
 
 def fit_record(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> Filtered:
-    """The record, filtered under the equations of a model whose unknown forces are `process`."""
+    """The record of `setup`, filtered under the equations of a structure whose unknown forces are `process`.
+
+    `reduced` is the structure on its modes.
+    """
     return filter_record(setup, steady_filter(setup, state_equations(setup, reduced, process)))
 
 
@@ -299,7 +302,10 @@ _BLOCK = 256
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Mean and variance (n_times, n) of wanted outputs, left-out sensors, unknown forces; covariance (n, n) inside it."""
+    """Mean and variance (n_times, n) of wanted outputs, left-out sensors, unknown forces, in this order and SI units.
+
+    `covariance` (n, n) is that far from the ends of the record.
+    """
 
     mean: FloatArray
     variance: FloatArray

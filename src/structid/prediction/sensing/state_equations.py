@@ -314,7 +314,8 @@ class StateEquations:
 
     Sensors read reading z + direct f, in standard deviations of their noise; the last rows of `wanted` are the unknown forces.
     `unmoved` is the covariance of what is asked that moves no mode, so that no reading tells it: (n_asked, n_asked).
-    `n_combined` is the number of unknown forces that move the modes independently.
+    `n_combined` is the number of unknown forces that move the modes independently. With states in scaled units,
+    `transition` and the covariance `noise` of a step are (n_states, n_states), `entry` (n_states, 2 n_known).
     """
 
     transition: FloatArray

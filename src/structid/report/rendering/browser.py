@@ -52,7 +52,7 @@ _SYMBOLS = {
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """Every array of a page once, however many traces show it."""
+    """Every array of a page once, however many traces show it: rounded `rows`, and `places` by the bytes of each."""
 
     rows: list[list[float | None]] = field(default_factory=list)
     places: dict[bytes, int] = field(default_factory=dict)

@@ -115,7 +115,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """Closed outlines (x, y) with NaN between them, filled."""
+    """Closed outlines with NaN between them, filled; `x` and `y` are (n,), and `label` is "" for no legend entry."""
 
     x: FloatArray
     y: FloatArray
@@ -161,7 +161,10 @@ class HeatMap:
 
 @dataclass(frozen=True, eq=False)
 class Texts:
-    """Words at places; `side` is where they stand from there, as in ``top right``."""
+    """Words at points; `side` is where they stand from there, as in ``top right``.
+
+    `x` and `y` are (n,), one for each of the `words`; `size` is that of the font in pixels.
+    """
 
     x: FloatArray
     y: FloatArray

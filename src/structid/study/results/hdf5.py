@@ -189,7 +189,7 @@ def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
 
 
 class StoredParameters(NamedTuple):
-    """Identified values of the parameters by name, and the number of pieces of each beam if it is stored."""
+    """Identified values of the parameters by name, SI units, and the number of pieces of each beam, None if unknown."""
 
     values: dict[str, float]
     folder: Path
