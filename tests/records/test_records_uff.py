@@ -5,7 +5,7 @@ import pytest
 import pyuff
 
 from structid.core.errors import FileError, InputError
-from structid.records import Geometry, ReadOptions, read_geometry, read_record
+from structid.records import Geometry, ReadOptions, TimeRecord, read_geometry, read_record
 from structid.records.formats.uff import uff
 
 FREQUENCY = np.arange(4, 14) * 0.25
@@ -144,6 +144,19 @@ def test_a_byte_order_that_the_bytes_contradict_is_refused(tmp_path, frf):
     path.write_bytes(path.read_bytes().replace(little, big))
     with pytest.raises(FileError, match=r"says byte order 2 in its first line, but .*write 1 there"):
         read_record(path)
+
+
+def test_a_missing_sample_does_not_make_the_byte_order_doubtful(tmp_path):
+    counts = np.random.default_rng(3).integers(-900, 900, 400).astype(float)
+    path = tmp_path / "a.uff"
+    uff.write(path, TimeRecord(100, counts[:, None], ("1X",), ("acceleration",)))
+    sample = np.float64(counts[100:104]).tobytes()
+    assert path.read_bytes().count(sample) == 1
+    path.write_bytes(path.read_bytes().replace(sample, np.float64([np.nan, *counts[101:104]]).tobytes()))
+    with pytest.raises(FileError, match=r"channel 1X. is NaN or infinite for 1 samples from sample 100"):
+        read_record(path)
+    record = read_record(path, ReadOptions(start=1.01))
+    np.testing.assert_array_equal(record.values[:, 0], counts[101:])
 
 
 def test_a_file_of_modes_is_called_so(tmp_path):

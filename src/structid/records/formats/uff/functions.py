@@ -274,12 +274,9 @@ def _binary_values(
 
 
 def _decades(values: FloatArray) -> float:
-    """Decades between the smallest and the largest size of `values`, without zeros; infinite if one of them is not finite."""
-    with np.errstate(invalid="ignore"):
-        sizes = np.abs(values[values != 0]).astype(float)
-    if not sizes.size:
-        return 0.0
-    return float(np.ptp(np.log10(sizes))) if np.isfinite(sizes).all() else np.inf
+    """Decades between the smallest and the largest size of the finite `values` other than 0; 0 if there are none."""
+    sizes = np.abs(values[np.isfinite(values) & (values != 0)]).astype(float)
+    return float(np.ptp(np.log10(sizes))) if sizes.size else 0.0
 
 
 def _axis_bytes(block: UffDataset, points: int, value_bytes: int) -> int:
