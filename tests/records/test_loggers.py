@@ -396,6 +396,27 @@ def test_text_of_labview_with_times_for_each_channel_and_channels_without_sample
         read_record(path)
 
 
+@pytest.mark.parametrize(
+    "date, hour", [("31.01.2026\t31.01.2026", "12:00:00.5\t12:00:00.500001"), ("2026/01/31\t", "12:00:00\t")]
+)
+@pytest.mark.parametrize("layout", ["One", "No"])
+def test_times_of_day_in_text_of_labview_count_only_without_a_column_of_times(tmp_path, layout, date, hour):
+    path = tmp_path / "a.lvm"
+    segment = [
+        "Channels\t2", "Samples\t6\t6", f"Date\t{date}", f"Time\t{hour}", "Y_Unit_Label\tN\tN", "Delta_X\t0.25\t0.25",
+    ]  # fmt: skip
+    rows = [[f"{0.25 * i:.6f}" if layout == "One" else "", f"{i}.5", f"-{i}.25"] for i in range(6)]
+    path.write_text(labview_text([f"X_Columns\t{layout}"], segment, ["X_Value", "1X", "2X"], rows))
+    if layout == "No" and "." in date:
+        with pytest.raises(FileError, match=r"start at different times, and 31\.01\.2026 12:00:00\.5 is none"):
+            read_record(path)
+        return
+    record = read_record(path)
+    assert (record.sampling_rate, record.start, len(record.values)) == (4, 0, 6)
+    assert ("2X does not say when it starts, taken as the first" in record.source) == (layout == "No")
+    assert "1X does not say" not in record.source
+
+
 @pytest.mark.parametrize("layout, step, rate", [
     ("No", "0.000977", 0),
     ("No", "0.000250", 4000), ("No", "9.765625E-4", 1024), ("One", "0.000977", 1024), ("One", "0.000250", 4000),

@@ -223,7 +223,7 @@ def _read_lvm(path: str) -> Iterator[Channel]:
     for channel in read_lvm(Path(path)):
         clock = channel.clock
         yield _make_channel(
-            channel.name, channel.unit, channel.values, clock.rate, channel.start, clock.off,
+            channel.name, channel.unit, channel.values, clock.rate, channel.start, clock.off, channel.note,
             times=clock.times if clock.off > _EVEN else None,
         )._replace(rate_error=clock.error)  # fmt: skip
 

@@ -63,6 +63,8 @@ class LvmChannel(NamedTuple):
     clock : LvmClock
     start : float
         s, relative to the channel that starts first.
+    note : str, optional
+        What is doubtful about the start; "" for nothing.
     """
 
     name: str
@@ -70,6 +72,7 @@ class LvmChannel(NamedTuple):
     values: FloatArray
     clock: LvmClock
     start: float
+    note: str = ""
 
 
 class _Segment(NamedTuple):
@@ -130,7 +133,8 @@ def read_lvm(path: Path) -> list[LvmChannel]:
         for key in ("Y_Unit_Label", "X_Unit_Label", "X0", "Delta_X", "Date", "Time")
     )
     sampled = [j for j in range(count) if samples[j]]
-    starts = dict(zip(sampled, _starts([(dates[j], hours[j]) for j in sampled]), strict=True))
+    moments = [(dates[j], hours[j]) for j in sampled] if layout != "One" else [("", "")] * len(sampled)
+    starts = dict(zip(sampled, _starts(moments), strict=True))
     channels, clocks = [], dict[tuple[int, int, str, float], LvmClock]()
     for j in sampled:
         column = columns[j]
@@ -141,9 +145,10 @@ def read_lvm(path: Path) -> list[LvmChannel]:
             printed = [row[timed[0]] for row in segment.rows[:n_rows]] if layout != "No" else []
             clocks[timed] = _clock(segment, printed, steps[j], scale)
         values = np.array([segment.decimal(row[column]) for row in segment.rows[:n_rows]])
-        later = starts[j] if layout != "One" else 0.0
-        start = later + scale * segment.decimal(of_start[j] or "0")
-        channels.append(LvmChannel(names[j], units[j], values, clocks[timed], start))
+        later = starts[j]
+        start = (later or 0.0) + scale * segment.decimal(of_start[j] or "0")
+        note = f"{names[j]} does not say when it starts, taken as the first that does" if later is None else ""
+        channels.append(LvmChannel(names[j], units[j], values, clocks[timed], start, note))
     return channels
 
 
@@ -199,18 +204,21 @@ def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> 
     return last
 
 
-def _starts(moments: Sequence[tuple[str, str]]) -> list[float]:
+def _starts(moments: Sequence[tuple[str, str]]) -> list[float | None]:
     """Times in s after the first of `moments`, each a date and a time of day in words; all 0 where the words are the same.
+
+    None for one without words beside others that have some.
 
     Raises
     ------
     ValueError
         If they differ and one cannot be read, so that it is open which channel starts first.
     """
-    if len(set(moments)) <= 1:
-        return [0.0] * len(moments)
+    said = [moment for moment in dict.fromkeys(moments) if any(moment)]
+    if len(said) <= 1:
+        return [0.0 if moment in said or not said else None for moment in moments]
     wholes, parts = [], []
-    for date, hour in moments:
+    for date, hour in said:
         whole, _, part = hour.replace(",", ".").partition(".")
         try:
             wholes.append(datetime.strptime(f"{date} {whole}", "%Y/%m/%d %H:%M:%S"))
@@ -220,7 +228,8 @@ def _starts(moments: Sequence[tuple[str, str]]) -> list[float]:
                 f"its channels start at different times, and {date} {hour} is none as LabVIEW writes it (2026/01/31 12:00:00,5)"
             ) from None
     seconds = [(whole - min(wholes)).total_seconds() + part for whole, part in zip(wholes, parts, strict=True)]
-    return [second - min(seconds) for second in seconds]
+    later = {moment: second - min(seconds) for moment, second in zip(said, seconds, strict=True)}
+    return [later.get(moment) for moment in moments]
 
 
 def _last_digit(text: str) -> float:
