@@ -226,6 +226,32 @@ def test_blank_lines_and_separators_above_the_numbers_are_no_rows(tmp_path, head
     assert words in record.source
 
 
+@pytest.mark.parametrize("second", ["", ",,"])
+def test_blank_lines_that_are_stated_as_header_are_one(tmp_path, second):
+    text = f"time_s,x,y\n{second}\n" + rows(",", lambda i: f"{i / RATE:.3f}")
+    for header_rows, more in ((2, ""), (2, "\n"), (1, "")):
+        layout = CsvLayout(header_rows=header_rows)
+        record = read(tmp_path, text.replace("\n0.000", f"\n{more}0.000"), csv=layout, **TWO)
+        np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    with pytest.raises(FileError, match=r"line 2, column 1 .* must be a number"):
+        read(tmp_path, text.replace("y\n", "y\nm,n,o\n"), csv=CsvLayout(header_rows=1), **TWO)
+
+
+def test_lines_below_one_that_says_the_separator_are_counted_from_the_top(tmp_path):
+    text = "sep=;\nTitle;;\nmore;;\ntime_s;x;y\n" + rows(";", lambda i: f"{i / RATE:.3f}")
+    with pytest.raises(FileError, match=r"lines 2 to 4 stand above .* line 4 \(time_s, x, y\) names .*`skip_rows = 3`"):
+        read(tmp_path, text, **TWO)
+    for layout in (CsvLayout(skip_rows=3), CsvLayout(skip_rows=3, separator="semicolon")):
+        np.testing.assert_allclose(read(tmp_path, text, csv=layout, **TWO).values, VALUES * STANDARD_GRAVITY)
+    told = text.replace("Title;;\nmore;;\n", "")
+    record = read(tmp_path, told, csv=CsvLayout(separator="semicolon"), **TWO)
+    np.testing.assert_allclose(record.values, VALUES * STANDARD_GRAVITY)
+    with pytest.raises(FileError, match="line 2 counts 0, 1, as numbers of columns do"):
+        read(tmp_path, "sep=;\n0;1\n" + rows(";"), sampling_rate=RATE, **TWO)
+    with pytest.raises(FileError, match="holds no header"):
+        read(tmp_path, "sep=;\n", **TWO)
+
+
 def test_a_bad_cell_below_a_blank_line_is_told_with_its_line(tmp_path):
     text = "time_s,x,y\n\n" + rows(",", lambda i: f"{i / RATE:.3f}")
     lines = text.splitlines(keepends=True)

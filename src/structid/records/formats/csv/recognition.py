@@ -204,25 +204,25 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     while lines and not lines[-1].strip(" \t,;"):
         lines.pop()
     end = len(lines) - layout.footer_rows
-    if end <= layout.skip_rows:
+    said = _SEPARATOR_LINE.fullmatch(lines[0]) if lines else None
+    is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
+    skip = max(layout.skip_rows, 1) if is_toa5 or said else layout.skip_rows
+    if end <= skip:
         raise FileError(
             f"{path}: has {len(lines)} lines, of which `skip_rows` and `footer_rows` leave none; lower them"
             if lines and layout.skip_rows + layout.footer_rows
             else f"{path}: holds no header and no line of numbers; write it again"
         )
-    is_toa5 = end > 4 and layout.skip_rows == 0 and layout.header_rows is None and _TOA5.match(lines[0]) is not None
-    said = _SEPARATOR_LINE.fullmatch(lines[0]) if layout.skip_rows == 0 and layout.separator == "auto" else None
-    skip = 1 if is_toa5 or said else layout.skip_rows
     lines = lines[skip:end]
     lines[:2] = [_without_comment_sign(line) for line in lines[:2]]
     separator = _guess_separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
-    if said and said[1] in SEPARATORS.values():
+    if said and layout.separator == "auto" and said[1] in SEPARATORS.values():
         separator = said[1]
     cells = _split_cells(path, lines, separator)
-    blank = _blank_rows_above_numbers(cells)
+    blank = _blank_rows_above_numbers(cells, layout.header_rows)
     if blank:
         cells = _split_cells(path, lines[: blank.start] + lines[blank.stop :], separator)
-    n_header = 3 if is_toa5 else _count_header_rows(path, cells, layout)
+    n_header = 3 if is_toa5 else _count_header_rows(path, cells, layout, skip)
     rows = cells[n_header:]
     if not rows:
         raise FileError(f"{path}: has a header but no line of numbers; write it again")
@@ -238,12 +238,17 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
     return Grid(header, rows, skip + 1, first, comma, words)
 
 
-def _blank_rows_above_numbers(cells: Sequence[list[str]]) -> range:
-    """Indices of the rows without a cell between the header and the first row of numbers; empty if there are none."""
+def _blank_rows_above_numbers(cells: Sequence[list[str]], header_rows: int | None) -> range:
+    """Indices of the rows without a cell between the header and the first row of numbers; empty if there are none.
+
+    Those among the first `header_rows` belong to the header; None for any number.
+    """
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), 0)
     begin = first
     while begin and not any(cell.strip() for cell in cells[begin - 1]):
         begin -= 1
+    if header_rows is not None:
+        begin = header_rows if begin <= header_rows <= first else first  # else a line of the header is no blank one
     return range(begin, first if begin else begin)
 
 
@@ -329,17 +334,17 @@ def _begins_with_time(row: Sequence[str]) -> bool:
     return re.search(r"\d:\d", row[0]) is not None and _is_data(row[1:]) if row else False
 
 
-def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
+def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout, skip: int) -> int:
     """Number of header lines: 0, 1 (names) or 2 (names and units), from `layout.header_rows` or by the first line of numbers.
 
-    `cells` are those of all lines after the skipped ones. A first cell that names times or frequencies makes one header line.
+    `cells` are those of all lines after the first `skip`. A first cell that names times or frequencies makes one header line.
     Otherwise `FileError` is raised if no line of numbers is found near the top, or the lines above it are no such header.
     """
     if layout.header_rows is not None:
         return layout.header_rows
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
     if first == 0:
-        _require_samples_first(path, cells, layout)
+        _require_samples_first(path, cells, skip)
     if first in (0, 1):
         return first or 0
     named = [cell.strip() for cell in cells[0]] if cells else []
@@ -347,7 +352,6 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
         return 2
     if named and is_axis(named[0]):
         return 1  # and a line below cannot be read, which is told with its cell
-    skip = layout.skip_rows
     if first is None:
         date = next((row[0].strip() for row in cells[:_HEAD] if _begins_with_time(row)), "")
         if date:
@@ -376,16 +380,16 @@ def counts_up(texts: Sequence[str]) -> bool:
     return any(list(texts) == [str(first + i) for i in range(len(texts))] for first in (0, 1))
 
 
-def _require_samples_first(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> None:
+def _require_samples_first(path: Path, cells: Sequence[list[str]], skip: int) -> None:
     """Raise `FileError` if the first line counts its columns, as names of data frames do, above numbers with decimals.
 
-    `cells` are the lines behind those that `layout` skips.
+    `cells` are those of the lines behind the first `skip`.
     """
     line = [cell.strip() for cell in cells[0]]
     if counts_up(line) and len(line) > 1 and any(re.search(r"[.,]\d", cell) for row in cells[1:3] for cell in row):
         shown = ", ".join(line[:4]) + (", ..." if len(line) > 4 else "")
         raise FileError(
-            f"{path}: line {layout.skip_rows + 1} counts {shown}, as numbers of columns do, and may hold samples too: give"
+            f"{path}: line {skip + 1} counts {shown}, as numbers of columns do, and may hold samples too: give"
             f" {layout_words(header_rows=1)} if it names the columns, or {layout_words(header_rows=0)}"
         )
 

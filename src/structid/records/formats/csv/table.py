@@ -31,9 +31,9 @@ _FEW = 20
 #: Part of every second byte of UTF-16 text that is null at least, where the text is Latin.
 _MOSTLY = 0.9
 
-#: Decimals of the last number of a line: after a point, or after the comma of a cell that is one number between semicolons or tabs.
 #: An exponent as Fortran writes it in double precision.
 _FORTRAN = re.compile(r"(\d[.,]?)[dD]([+-]?\d)")
+#: Decimals of the last number of a line: after a point, or after the comma of a cell that is one number between semicolons or tabs.
 _DECIMALS = re.compile(r"(?:\.|[;\t] *[+-]?\d*,)(\d+(?:[eE][+-]?\d+)?)[\s;,]*$")
 
 
