@@ -172,8 +172,9 @@ def test_blanks_in_the_place_of_an_instance_are_noughts(tmp_path, placing, place
     [
         (
             "*PARAMETER\na=2.\n" + PANEL.replace("2,1,", "2,<a>,"),
-            r"line 1: \*PARAMETER is not evaluated; write its numbers",
+            r"line 3: \*NODE has <a>, and \*PARAMETER is not evaluated; write numbers",
         ),
+        ("*PARAMETER\nn=4\n" + PANEL + "*NSET,NSET=T,GENERATE\n1,<n>\n", r"line 10: \*NSET has <n>, and"),
         (PANEL.replace("*ELEMENT", "*ELEM"), r"\*ELEM is short for \*ELEMENT; write it in full"),
         (PANEL + "*TRANS, NSET=T\n1.,0.,0.,0.,1.,0.\n", r"\*TRANS is short for \*TRANSFORM"),
     ],
@@ -181,6 +182,12 @@ def test_blanks_in_the_place_of_an_instance_are_noughts(tmp_path, placing, place
 def test_parameters_and_short_keywords_are_refused(tmp_path, text, words):
     with pytest.raises(FileError, match=words):
         read(tmp_path, text, ".inp")
+
+
+def test_parameters_that_no_line_of_the_mesh_uses_are_passed_over(tmp_path):
+    text = f"*PARAMETER\nE=70e9\nm=2.\n{PANEL}*ELASTIC\n<E>,0.3\n*ELEMENT,TYPE=MASS,ELSET=M\n2,1\n*MASS,ELSET=M\n{{}}\n"
+    assert part_of(read(tmp_path, text.format("2."), ".inp"), "MASS").obstacle == ""
+    assert "'<m>'" in part_of(read(tmp_path, text.format("<m>"), ".inp"), "MASS").obstacle
 
 
 def test_a_reference_node_may_be_spelt_as_calculix_takes_it(tmp_path):

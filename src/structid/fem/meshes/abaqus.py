@@ -40,6 +40,8 @@ _KINDS = (
 _ORDERS = {"hexahedron27": (*range(20), 26, 24, 23, 25, 21, 22, 20)}
 #: Keywords that make nodes or elements by rule: what they say is not read.
 _REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SUBSTRUCTURE PATH", "IMPORT")
+#: Keywords that make the mesh: a <name> of *PARAMETER among their words is refused. Of other keywords it makes an obstacle.
+_OF_MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "SYSTEM", "TRANSFORM", "INSTANCE")
 _SECTIONS = ("SHELL SECTION", "SHELL GENERAL SECTION", "BEAM SECTION", "BEAM GENERAL SECTION")
 _SIDES = {"SPOS": 0.5, "SNEG": -0.5, "MIDDLE": 0.0}
 #: Cosine of the angle between normals of cells at a node up to which solvers take the mean of them.
@@ -85,9 +87,10 @@ class _Reader:
                 raise FileError(
                     f"{self._path}, line {block.line}: *{block.keyword} is not read; write the mesh with all nodes and elements"
                 )
-            if block.keyword == "PARAMETER":
+            if block.keyword in _OF_MESH and (name := _parameter_name(block)):
                 raise FileError(
-                    f"{self._path}, line {block.line}: *PARAMETER is not evaluated; write its numbers in place of the <names>"
+                    f"{self._path}, line {block.line}: *{block.keyword} has {name}, and *PARAMETER is not evaluated; write numbers"
+                    " in place of the <names>"
                 )
             if full := spelled_out(block.keyword):
                 raise FileError(
@@ -167,6 +170,12 @@ class _Reader:
         self._assembly.owners = self._owners if len(self._assembly.scopes) == 1 else {}
         self._assembly.number()
         return self._assembly
+
+
+def _parameter_name(block: KeywordBlock) -> str:
+    """The first word of a keyword that is a name of *PARAMETER, such as ``<width>``; "" if there is none."""
+    words = (word for row in (list(block.options.values()), *block.rows) for word in row)
+    return next((word for word in words if word.startswith("<")), "")
 
 
 def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
