@@ -348,3 +348,19 @@ def test_a_mean_without_its_first_weight_is_not_read_as_another(deck):
     mesh = deck("RBE3,1,,5,123456,,123,1,2,3,4\nENDDATA\n")
     part = part_of(mesh, "RBE3")
     assert (part.obstacle, part.ties) == ("RBE3 1 cannot be read: its first weight is blank", ())
+
+
+@pytest.mark.parametrize(
+    "fields, word", [("1.,123,1,2,,123,3,4", "123"), ("1.,,123,1,2,3,4", "123"), ("1.,123,1,2\n,,3,4", "3")]
+)
+def test_a_mean_without_a_later_weight_is_not_read_as_another(deck, fields, word):
+    obstacle = part_of(deck(f"GRID,123,,0.,0.,5.\nRBE3,1,,5,123456,{fields}\nENDDATA\n"), "RBE3").obstacle
+    assert obstacle.startswith(f"RBE3 1 cannot be read: a field before {word} is blank, where a weight may be left out")
+
+
+def test_blank_fields_of_a_mean_before_a_weight_are_passed_over(deck):
+    near, far = (
+        part_of(deck(f"RBE3,1,,5,123456,1.,123,1,2,{gap}\n,.5,123,3,4\nENDDATA\n"), "RBE3") for gap in ("", ",")
+    )
+    assert (near.obstacle, far.obstacle) == ("", "")
+    assert near.ties == far.ties

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -623,14 +624,19 @@ def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
 def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
     """Weight, components (digits) and nodes of each group of an RBE3, and the pairs of node and components behind UM.
 
-    `fields` are those of the card from the first weight on; `ValueError` if that is blank, so that what follows is none.
+    `fields` are those of the card from the first weight on; `ValueError` if that is blank, so that what follows is none, or a
+    later field that may be a weight is and components may follow.
     """
     if not fields[:1] or not fields[0]:
         raise ValueError("its first weight is blank")
     groups: list[tuple[float, str, list[int]]] = []
-    rest = [word for word in fields if word]
-    end = next((k for k, word in enumerate(rest) if word in ("UM", "ALPHA", "TREF")), len(rest))
-    averaged, behind = rest[:end], rest[end:]
+    end = next((k for k, word in enumerate(fields) if word in ("UM", "ALPHA", "TREF")), len(fields))
+    for blank, word in pairwise(fields[:end]):
+        if not blank and re.fullmatch(r"(?!.*(.).*\1)[1-6]+", word):
+            raise ValueError(
+                f"a field before {word} is blank, where a weight may be left out; write the weight, or the nodes without gaps"
+            )
+    averaged, behind = ([word for word in part if word] for part in (fields[:end], fields[end:]))
     while averaged:
         stop = next((k for k in range(2, len(averaged)) if not _is_listed(averaged[k])), len(averaged))
         groups.append((_real(averaged[0]), averaged[1], _node_list(averaged[2:stop])))
