@@ -406,6 +406,7 @@ def test_a_sensor_along_no_global_axis_is_refused_or_taken_as_it_is_named(tmp_pa
         "frequency_hz,zeta,1X,2X\n10,0.01,1,0.5\n20,0.02,1,-0.8\n",
         "Eigenfrequenz [Hz];Dämpfung [%];1X;2X\n10,0;1,0;1;0,5\n20;2;1;-0,8\n",
         "Fréquence [Hz],Amortissement [%],1X,2X\n10,1,1,0.5\n20,2,1,-0.8\n",
+        "Nr.,Fre\u0301quence [Hz],Amortissement [%],1X,2X\n1,10,1,1,0.5\n2,20,2,1,-0.8\n",
         "channel,Mode 1,Mode 2\nfrequency_hz,10,20\ndamping ratio,.01,.02\n1X,1,1\n2X,.5,-.8\n",
     ],
 )
@@ -425,6 +426,10 @@ def test_tables_of_modes_in_other_words(tmp_path, table):
     [
         ("frequency_hz,Q,1X\n10,50,1\n", r"column 'Q' is damping of another form; write `damping_ratio`.*1 / \(2 Q\)"),
         ("frequency_hz,loss factor,1X\n10,.02,1\n", "half the loss factor"),
+        ("frequency_hz,loss_factor,1X\n10,.02,1\n", "half the loss factor"),
+        ("frequency_hz,log_decrement,1X\n10,.02,1\n", "logarithmic decrement over 2 pi"),
+        ("frequency_hz,damping_ratio,1X\n10,.02+.1i,1\n", r"got '.02\+.1i'; leave it blank where it is not known"),
+        ("frequency_hz,damping_ratio,1X\n10+1i,.02,1\n", r"must be a number, got '10\+1i'$"),
         ("frequency_hz,1X\n10,1+0.1i\n", "got '1\\+0.1i'; write two columns, `1X real` and `1X imaginary`"),
     ],
 )

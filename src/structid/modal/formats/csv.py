@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import unicodedata
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,12 +26,12 @@ _HEAD = 16384
 #: Columns, or lines where one mode is a column, among which frequencies and channels are looked for.
 _MOST_COLUMNS = 500
 _PARTS = ("real", "imaginary", "std")
-_COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr", "channel", "dof", "sensor")
+_COUNTERS = ("mode", "no", "nr", "#", "mode no", "mode number", "mode nr", "channel", "dof", "sensor")
 _FREQUENCY = ("frequency", "frequenz", "fréquence", "freq")
 _DAMPING = ("damping ratio", "damping", "dämpfungsgrad", "dämpfung", "amortissement", "zeta", "xi", "ζ", "ξ")
 #: Words for damping ratios that are in use for percentages too.
 _RATIO_OR_PERCENT = ("damping", "dämpfung", "amortissement", "zeta", "xi", "ζ", "ξ")
-_OTHER_DAMPING = re.compile(r"(q|quality factor|loss factor|eta|η|log(arithmic)? ?dec(rement)?)\b.*", re.IGNORECASE)
+_OTHER_DAMPING = re.compile(r"(q|quality factor|loss factor|eta|η|log(arithmic)? ?dec(rement)?)\b.*")
 _STD = r"(std|std dev|standard deviation|deviation)"
 #: Headers of frequencies and damping ratios in tables of other programs, blanks for points and underscores.
 _OTHER_WORDS = re.compile(
@@ -167,7 +168,7 @@ def _canonical_column(cell: str) -> _Word:
     InputError
         If it holds frequencies or damping in a unit that is not known.
     """
-    text = re.sub(r"[\s_.]+", " ", cell.strip().lower()).strip()
+    text = _plain(cell)
     match = _OTHER_WORDS.fullmatch(text)
     if match is None:
         return _Word("mode" if text in _COUNTERS else "" if text.startswith("complexity") else cell.strip())
@@ -184,6 +185,11 @@ def _canonical_column(cell: str) -> _Word:
     if unit is None:
         return _Word(name, 1.0, "" if std else "frequencies taken as Hz")
     return _Word(name, parse_frequency_unit(unit))
+
+
+def _plain(cell: str) -> str:
+    """A header in small letters, with blanks for points and underscores, and each letter with its accent as one sign."""
+    return re.sub(r"[\s_.]+", " ", unicodedata.normalize("NFC", cell).lower()).strip()
 
 
 def _word_or_cell(cell: str) -> str:
@@ -207,7 +213,7 @@ def is_modes_table(path: Path) -> bool:
 
 def _names_modes(head: list[str]) -> bool:
     """True if the first lines `head` of a table are those of modes; `InputError` for an unknown unit in their names."""
-    if not any("freq" in line.lower() or "fréq" in line.lower() for line in head):
+    if not any("freq" in plain or "fréq" in plain for plain in map(_plain, head)):
         return False
     separator = max((",", ";", "\t"), key=head[0].count)
     rows = [line.split(separator, _MOST_COLUMNS)[:_MOST_COLUMNS] for line in head[:_MOST_COLUMNS]]
@@ -291,7 +297,8 @@ def _column(table: _Table, name: str) -> FloatArray:
             try:
                 values[k] = float(text) * factor if text else np.nan
             except ValueError:
-                two = f"; write two columns, `{name} real` and `{name} imaginary`" if complex_parts(text) else remedy
+                is_halved = complex_parts(text) is not None and _is_channel(name)
+                two = f"; write two columns, `{name} real` and `{name} imaginary`" if is_halved else remedy
                 raise FileError(f"{table.path}: {table.locate(k, name)} must be a number, got {text!r}{two}") from None
             if np.isinf(values[k]):
                 raise FileError(f"{table.path}: {table.locate(k, name)} must be finite, got {text}{remedy}")
@@ -326,7 +333,7 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
         try:
             dof = parse_dof(first)
         except InputError as error:
-            if _OTHER_DAMPING.fullmatch(name):
+            if _OTHER_DAMPING.fullmatch(_plain(name)):
                 raise FileError(
                     f"{path}: column {name!r} is damping of another form; write `damping_ratio`, which is half the loss factor,"
                     " 1 / (2 Q), or for small damping the logarithmic decrement over 2 pi"
