@@ -159,6 +159,13 @@ def test_a_missing_sample_does_not_make_the_byte_order_doubtful(tmp_path):
     np.testing.assert_array_equal(record.values[:, 0], counts[101:])
 
 
+def test_a_few_numbers_do_not_make_the_byte_order_doubtful(tmp_path):
+    """The swapped bytes of these two are of one size by chance."""
+    path, values = tmp_path / "a.uff", np.array([0.02, 1.5e-193])
+    uff.write(path, TimeRecord(100, np.tile(values, 20)[:, None], ("1X",), ("acceleration",)))
+    np.testing.assert_array_equal(read_record(path).values[:, 0], np.tile(values, 20))
+
+
 def test_a_file_of_modes_is_called_so(tmp_path):
     path = tmp_path / "a.uff"
     path.write_text("    -1\n    55\nNONE\n    -1\n    -1\n   164\n         1\n    -1\n")

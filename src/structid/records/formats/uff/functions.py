@@ -34,6 +34,8 @@ _WEIGHTINGS = {1: "A", 2: "B", 3: "C", 4: "D"}
 _EXPONENTIAL = (4, 6)
 #: Decades between the numbers of one function that are not believed: bytes in the wrong order give any exponent.
 _WIDEST = 40.0
+#: Different numbers of one function at least that tell its byte order: fewer are of one size by chance.
+_FEWEST_TELLING = 8
 
 
 @dataclass(frozen=True)
@@ -264,8 +266,9 @@ def _binary_values(
     width = _axis_bytes(block, points, per_value * item)
     fields = [("value", f"{sign}f{item}", (per_value,))]
     table = np.frombuffer(body, np.dtype([("axis", f"{sign}f{width}"), *fields] if width else fields))
-    spread, swapped = (_decades(values) for values in (table["value"], table["value"].byteswap()))
-    if spread > _WIDEST and swapped < _WIDEST / 2:
+    swapped = table["value"].byteswap()
+    is_swapped = _decades(table["value"]) > _WIDEST and _decades(swapped) < _WIDEST / 2
+    if is_swapped and np.unique(swapped).size >= _FEWEST_TELLING:
         raise FileError(
             f"{where} says byte order {order} in its first line, but its numbers are of one size in the other order only; write"
             f" {3 - order} there, or export it again"
