@@ -1,12 +1,14 @@
 """Stored spectra of files, written here byte by byte from a system of masses and springs, and the modes in them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from structid.cli.app import app
 from structid.core.errors import InputError, StoredSpectraError
-from structid.modal import identify_modes
+from structid.modal import HardCriteria, identify_modes
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import modes_of_file
 from structid.records import ReadOptions, SpectrumRecord, read_record, read_spectrum
@@ -117,10 +119,34 @@ def test_spectra_that_say_too_little_are_refused(tmp_path, changes, words):
         read_spectrum(universal(tmp_path / "a.unv", LOWER, **changes))
 
 
+def test_options_may_be_arrays(tmp_path):
+    path, given = tmp_path / "a.npy", {"frequencies": (12.0, 31.0), "band": (1.0, 60.0)}
+    time, rng = np.arange(2000) / 200, np.random.default_rng(0)
+    tones = np.stack([np.sin(2 * np.pi * f * time) for f in given["frequencies"]], axis=1)
+    np.save(path, tones @ [[1.0, 0.6], [0.8, -1.0]] + 0.1 * rng.standard_normal((2000, 2)))
+    read = ReadOptions(sampling_rate=200.0, units="m/s^2")
+    listed, arrays = (
+        modes_of_file(path, ModesOptions(method="fdd", **options), read).modes.frequency.tolist()
+        for options in (given, {name: np.array(value) for name, value in given.items()})
+    )
+    assert arrays == listed
+    record = read_record(path, replace(read, channels=("1X", "2X")))
+    bands = [(5.0, 20.0), (25.0, 60.0)]
+    listed, arrays = (
+        identify_modes(record, "bayesian_fft", bands=value).frequency.tolist() for value in (bands, np.array(bands))
+    )
+    assert arrays == listed
+
+
 def test_limits_of_frequencies_and_their_deviations_hold_for_spectra_too(tmp_path):
     record = read_spectrum(universal(tmp_path / "a.uff", ALL))
-    with pytest.raises(InputError, match=r"at most 49.95 Hz, the last line of the spectra, got 60 Hz"):
-        identify_modes(record, frequencies=[10.0, 60.0])
+    for beyond in (50.1, 60.0):
+        with pytest.raises(
+            InputError, match=rf"at most 50 Hz, one line after the last of the spectra, got {beyond:g} Hz"
+        ):
+            identify_modes(record, frequencies=[10.0, beyond])
+    whole = identify_modes(record, criteria=HardCriteria((0.0, 50.0)))  # half the rate: LINES end at 49.95 Hz
+    assert whole.frequency.tolist() == identify_modes(record).frequency.tolist()
     modes = identify_modes(record)
     order = np.argsort(modes.frequency_std / modes.frequency)
     relative = (modes.frequency_std / modes.frequency)[order]

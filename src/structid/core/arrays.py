@@ -36,6 +36,14 @@ def locked(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
     return array
 
 
+def arrays_to_tuples(options: object, *names: str) -> None:
+    """Make tuples of the fields `names` of a frozen dataclass that are arrays; rows of two dimensions become lists."""
+    for name in names:
+        value = getattr(options, name)
+        if isinstance(value, np.ndarray):
+            object.__setattr__(options, name, tuple(np.atleast_1d(value).tolist()))
+
+
 def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint: str = "") -> None:
     """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length.
 

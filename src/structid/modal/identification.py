@@ -38,6 +38,8 @@ METHODS: dict[str, Method] = {
     "bayesian_fft": Method(bayesian_fft),
     "lscf": Method(lscf, of_frfs=True),
 }
+#: Relative rounding of a frequency.
+_ROUNDING = 1e-9
 #: Methods of spectra and of correlation functions that another program averaged, the defaults first.
 SPECTRUM_METHODS: dict[str, Callable[..., ModalIdentification]] = {"efdd": efdd, "fdd": fdd}
 CORRELATION_METHODS: dict[str, Callable[..., ModalIdentification]] = {
@@ -181,10 +183,12 @@ def _require_measured(
 ) -> None:
     """Raise `InputError` if a limit, frequency or band of `options` exceeds the highest frequency of the records.
 
-    That is half the lowest sampling rate of histories or correlation functions, and the last line of spectra.
+    That is half the lowest sampling rate of histories or correlation functions. Of spectra it is one line after the last,
+    which programs that write no line at half the rate leave out.
     """
     if isinstance(records, SpectrumRecord):
-        limit, words = float(records.frequency[-1]), "the last line of the spectra"
+        first, last = float(records.frequency[0]), float(records.frequency[-1])
+        limit, words = last + (last - first) / (len(records.frequency) - 1), "one line after the last of the spectra"
     else:
         given = (records,) if isinstance(records, TimeRecord | CorrelationRecord) else tuple(records)
         rates = [r.sampling_rate for r in given if isinstance(r, TimeRecord | CorrelationRecord)]
@@ -192,7 +196,7 @@ def _require_measured(
     bands = [f for band in (() if options.bands is None else options.bands) for f in band]
     named = () if options.frequencies is None else options.frequencies
     asked = [f for f in (*options.criteria.frequency, *named, *bands) if np.isfinite(f)]
-    if max(asked, default=0.0) > limit:
+    if max(asked, default=0.0) > limit * (1 + _ROUNDING):
         raise InputError(
             f"frequencies asked for must be at most {limit:g} Hz, {words}, got {max(asked):g} Hz; lower `criteria`,"
             " `frequencies` or `bands`, or measure faster"

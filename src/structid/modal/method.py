@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, arrays_to_tuples
 from structid.core.constraints import require_band
 from structid.core.errors import InputError, NoModesError
 from structid.modal.modal_record import ModalRecord
@@ -71,7 +71,8 @@ class ModalOptions:
         return bands
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on an entry of `bands` that is no range in Hz, or a `deviation` that is not positive."""
+        """Make tuples of arrays; raise `InputError` on an entry of `bands` that is no range in Hz, or a `deviation` not above 0."""
+        arrays_to_tuples(self, "orders", "frequencies", "bands")
         for band in self.bands or ():
             require_band("bands", band)
         if self.deviation is not None and not self.deviation > 0:

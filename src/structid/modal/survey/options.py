@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from structid.core.arrays import arrays_to_tuples
 from structid.core.constraints import require_band
 from structid.core.errors import InputError
 from structid.modal.method import ModalOptions
@@ -59,11 +60,12 @@ class ModesOptions:
     window: float | None = None
 
     def __post_init__(self) -> None:
-        """Convert texts to numbers, and raise `InputError` on values out of range.
+        """Convert texts to numbers and arrays to tuples, and raise `InputError` on values out of range.
 
         Texts are lists in `frequencies` and `remove_tones` (but for "auto"), a list or range in `orders`, a number in
         `detrend`. `frequencies`, `remove_tones`, `rate`, `deviation` and `window` must be positive, `band` a range.
         """
+        arrays_to_tuples(self, "band", "frequencies", "orders", "remove_tones", "damping")
         for name, words in (("frequencies", ()), ("remove_tones", ("auto",))):
             value = getattr(self, name)
             if isinstance(value, str) and value not in words:
