@@ -17,9 +17,14 @@ from solver_cases import TRUE, chain_study, parameter
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
-from structid.core.errors import StudyError
+from structid.core.errors import InputError, StudyError
+from structid.prediction.changes import AddMass
+from structid.prediction.participation import ModalParticipation
+from structid.prediction.predict import predict, predict_changes
+from structid.prediction.quantities import Frf, History, NaturalModes
 from structid.records import FrfRecord
 from structid.records.formats import write_record
+from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from structid.workbench.work.functions import answer_json
 
@@ -347,15 +352,24 @@ def test_modes_without_modal_masses_are_fitted_to_modes_alone(tmp_path):
     write_record(tmp_path / "frf.npz", record)
     text = path.read_text()
     path.write_text(text[: text.index("[record]")] + '[record]\npath = "frf.npz"\nnoise.relative = 0.01\n')
-    words = (
-        r"modes: gives modes without modal masses, .* a record of responses cannot be computed; let the solver print"
-    )
+    words = "made of modes without modal masses, so that their scale is free and FRFs cannot be computed; let the solver print"
     with pytest.raises(StudyError, match=words):
-        load_study(path)
+        run_study(load_study(path))
     spring = '[[structure.spring]]\nname = "foot"\nfirst = "1X"\nstiffness = 10.0\n\n[[unknown]]'
     path.write_text(text.replace("[[unknown]]", spring, 1))
     with pytest.raises(StudyError, match="foot beside them cannot be computed"):
         load_study(path)
+
+
+def test_sizes_are_not_predicted_from_modes_without_modal_masses(tmp_path):
+    found = run_study(load_study(chain_study(tmp_path, "modes", "--largest"))).identification
+    histories = History(["3X"], ["1X"], np.ones((20, 1)), 10.0)
+    for quantity in (Frf(["3X"], ["1X"], [0.5, 1.0, 3.0], kind="receptance"), histories, ModalParticipation("X", 2)):
+        with pytest.raises(InputError, match="modes without modal masses, so that their scale is free"):
+            predict(found, quantity)
+    with pytest.raises(InputError, match="without modal masses"):
+        predict_changes(found, [NaturalModes(2)], [AddMass(1, 0.1)])
+    assert predict(found, NaturalModes(2)).values.shape == (2, 2)
 
 
 def test_looking_at_a_study_in_the_workbench_runs_no_program_but_reads_what_is_kept(tmp_path):

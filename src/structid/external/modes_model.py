@@ -268,14 +268,11 @@ class SolvedModes(SolvedModel):
     out : ModesOut
     n_modes : int
         Modes that the model has.
-    has_mass : bool
-        Whether the solver gave the shapes with their modal masses, without which sizes of responses are not known.
     """
 
     model: SolverModel
     out: ModesOut
     n_modes: int
-    has_mass: bool
 
     @property
     def is_exact(self) -> bool:
@@ -331,14 +328,13 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
             for shift, factor in expand_about_centre(powers, centre, references):
                 about_zero[shift] = about_zero.get(shift, 0.0) + factor * matrix
         parts += [Part(key, shift, sparse.csc_array(matrix)) for shift, matrix in about_zero.items()]
-    model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), small.n_modes)
+    has_mass = shapes.has_mass and all(run.has_mass for pair in pairs for run in pair.runs)
+    parameters = model_parameters(solver, references)
+    model = SolverModel(name, small.masters, tuple(parts), parameters, small.n_modes, has_mass)
     frequency = ", ".join(f"{f:.5g}" for f in shapes.frequency[: small.n_modes])
     fact = f"solver: {run_words(steps.counts)}; modes at {frequency} Hz, {len(shapes.dofs)} degrees of freedom; {steps.words}"
     ties = (small.tie,) if small.tie.dependents else ()
-    has_mass = shapes.has_mass and all(run.has_mass for pair in pairs for run in pair.runs)
-    return SolvedModes(
-        solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes, has_mass
-    )
+    return SolvedModes(solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes)
 
 
 def _frequency_change(centre: RunModes, run: RunModes, point: Point) -> float:

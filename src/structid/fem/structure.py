@@ -30,7 +30,7 @@ from structid.fem.contribution import (
 )
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import LENGTH, TRANSLATIONS, PropertyMatrices, dof_code, dof_of_code, joined_codes
-from structid.fem.elements.matrix_group import GroupMatrices
+from structid.fem.elements.matrix_group import GroupMatrices, SolverModel
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.fem.node_positions import (
@@ -178,6 +178,9 @@ class Structure(Shown, StructurePlots):
         object.__setattr__(self, "left_aside", tuple(left_aside))
         object.__setattr__(self, "file_notes", tuple(file_notes))
         _require_names(self)
+        beside = [e.name for e in self.elements if not isinstance(e, SolverModel)]
+        if beside:
+            self.require_masses(f"{beside[0]} beside them")
         _require_subdivision(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
         _require_supports(self)
@@ -236,6 +239,16 @@ class Structure(Shown, StructurePlots):
         raise InputError(
             f"{part} is known by its FRFs alone, which {what} cannot be computed with; {remedy}, or take {model}"
         )
+
+    def require_masses(self, what: str) -> None:
+        """Raise `InputError` if a solver gave modes without modal masses; `what` is in words what cannot be computed then."""
+        free = [e.name for e in self.elements if isinstance(e, SolverModel) and not e.has_mass]
+        if free:
+            raise InputError(
+                f"{free[0]!r} is made of modes without modal masses, so that their scale is free and {what} cannot be computed;"
+                " let the solver print generalized masses (.f06, .frd), or write shapes of unit modal mass and `scaling` mass"
+                " (.csv)"
+            )
 
     @property
     def dimension(self) -> int:

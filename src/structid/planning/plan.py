@@ -547,6 +547,7 @@ def _whitened_sensitivities(
     parameters = (
         append_fixed_factors(candidates.parameters, candidates.fixed) if candidates.fixed else candidates.parameters
     )
+    candidates.structure.require_masses("FRFs")
     values, derivative = response(candidates.structure, parameters, record).derivatives_at(parameters.start)
     std = _noise_deviation(candidates, values)
     # a value that nothing moves, at rest on the path of every load, has no noise either and tells nothing

@@ -77,6 +77,7 @@ class ModalParticipation:
         InputError
             If the structure has no modes; from the function, if no mass moves along the axis.
         """
+        structure.require_masses("effective masses")
         modes_at = followed_modes(structure, parameters, points, NaturalModes(self.n_modes, self.reference))
         released, rows, motion = _on_moving_ground(structure, self.direction)
         n_values = len(released.values)  # damping ratios, which stand last, are left out

@@ -188,6 +188,7 @@ class Frf:
             _require_linear(structure, "FRFs of supports that move")
             response_of = linear_response(structure, parameters, points, self.outputs, inputs, order, band)
             return response_of.outputs, _by_poles(response_of, self.frequency)
+        structure.require_masses("FRFs")
         exact = response(structure, parameters, self._record(inputs))
         rows = output_map(structure, self.outputs, order)
         solved = exact.values_at if self.is_motion else _frf_by_fields(exact, structure, parameters, rows, self)
@@ -768,6 +769,7 @@ def _is_linear(structure: Structure) -> bool:
 def _require_linear(structure: Structure, what: str) -> None:
     """Raise `InputError` if a structure has no modes, or has dry friction; `what` is the quantity in words."""
     structure.require_modes(what, "predict FRFs")
+    structure.require_masses(what)
     rubbing = [element.name for element in structure.elements if isinstance(element, Friction)]
     if rubbing:
         raise InputError(

@@ -182,6 +182,10 @@ class SolverModel(ElementSet):
         " whole matrices",
         default=0,
     )
+    has_mass: bool = declared(
+        "Whether its modes came with their modal masses, without which each has a scale of its own and no response a size",
+        default=True,
+    )
     loss_factor: Values = declared("Structural damping of the stiffness", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:

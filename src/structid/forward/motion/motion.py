@@ -106,6 +106,7 @@ def recorded_motion(
         starts from.
     """
     structure.require_modes("motion in time")
+    structure.require_masses("motion in time")
     readers = {name: field_map(structure, record, name) for name in MOTION_QUANTITIES}
     if all(reader is None for reader in readers.values()):
         raise InputError(NO_MOTION)

@@ -84,6 +84,7 @@ class Setup(RecordSetup[FrfProblem]):
 
         Without known noise, a model error of 10 % weighs the lines, and a warning says so.
         """
+        self.structure.require_masses("FRFs")
         used = used_lines(self.record, options)
         lines = np.union1d(*self.axes(options))
         warnings = [*record_warnings(used)]

@@ -169,34 +169,7 @@ def _make_study(root: Section, files: InputFiles, before: Sequence[SetupSource] 
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)
     options = replace(options, regularization=terms, tolerances=read_tolerances(root.inner("structure")))
     solved = files.solved[0] if files.solved else None
-    if solved is not None:
-        _require_modal_masses(root, solved, setups)
     return Study(title_of(root), setups, options, root, files.digests, solved, files.measured)
-
-
-def _require_modal_masses(root: Section, solved: SolvedModel, setups: Sequence[SetupSource]) -> None:
-    """Raise `StudyError` if a solver's modes without modal masses go with responses, or with other elements.
-
-    Shapes then have a scale of their own, which modes as a record do not know either, but responses do.
-    """
-    from structid.external.modes_model import SolvedModes  # for solvers alone
-
-    if not isinstance(solved, SolvedModes) or solved.has_mass:
-        return
-    others = [
-        element.name for source in setups for element in source.structure.elements if element.name != solved.model.name
-    ]
-    if others or any(source.record.modes is None for source in setups):
-        what = f"{others[0]} beside them" if others else "a record of responses"
-        raise (
-            root.inner("structure")
-            .inner("solver")
-            .error(
-                f"gives modes without modal masses, so that their scale is free and {what} cannot be computed; let the solver print"
-                " generalized masses (.f06, .frd), or write shapes of unit modal mass and `scaling` mass (.csv)",
-                "modes",
-            )
-        )
 
 
 @dataclass(frozen=True, eq=False)
