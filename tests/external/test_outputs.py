@@ -45,7 +45,11 @@ def test_shapes_have_unit_modal_mass_where_the_solver_prints_it(tmp_path, monkey
         monkeypatch.setattr(outputs, "nastran_modes", lambda path, modes=modes: modes)
         found = read_shapes(tmp_path / "a.pch")
         assert found.has_mass is is_known
+        assert [note for note in found.notes if "displacement systems of its points, taken as basic" in note]
         assert found.values[0, 0] == (0.5 if is_known else 1.0)
+    said = PrintedModes([_printed(systems=np.array([0]))])
+    monkeypatch.setattr(outputs, "nastran_modes", lambda path: said)
+    assert read_shapes(tmp_path / "a.pch").notes == ()
 
 
 def test_motions_in_another_system_than_the_basic_one_are_refused(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.core.errors import InputError, StudyError
+from structid.external import outputs
 from structid.prediction.changes import AddMass
 from structid.prediction.participation import ModalParticipation
 from structid.prediction.predict import predict, predict_changes
@@ -370,6 +372,12 @@ def test_sizes_are_not_predicted_from_modes_without_modal_masses(tmp_path):
     with pytest.raises(InputError, match="without modal masses"):
         predict_changes(found, [NaturalModes(2)], [AddMass(1, 0.1)])
     assert predict(found, NaturalModes(2)).values.shape == (2, 2)
+
+
+def test_what_a_file_of_modes_leaves_open_is_a_fact(tmp_path, monkeypatch):
+    read = outputs.read_shapes
+    monkeypatch.setattr(outputs, "read_shapes", lambda path: replace(read(path), notes=("axes taken as basic",)))
+    assert "axes taken as basic" in load_study(chain_study(tmp_path)).solved.facts
 
 
 def test_looking_at_a_study_in_the_workbench_runs_no_program_but_reads_what_is_kept(tmp_path):

@@ -333,8 +333,9 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
     model = SolverModel(name, small.masters, tuple(parts), parameters, small.n_modes, has_mass)
     frequency = ", ".join(f"{f:.5g}" for f in shapes.frequency[: small.n_modes])
     fact = f"solver: {run_words(steps.counts)}; modes at {frequency} Hz, {len(shapes.dofs)} degrees of freedom; {steps.words}"
+    facts = (fact, *shapes.notes)
     ties = (small.tie,) if small.tie.dependents else ()
-    return SolvedModes(solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes)
+    return SolvedModes(solver, model, ties, small.constrained, steps.counts, facts, centre, units, out, small.n_modes)
 
 
 def _frequency_change(centre: RunModes, run: RunModes, point: Point) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,9 @@ FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
 _ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
 #: Modal phase collinearity below which a mode is truly complex: a ninth of its motion is a quarter of a period apart.
 _LEAST_COLLINEARITY = 0.95
+_TAKEN_AS_BASIC = (
+    "the file does not say the displacement systems of its points, taken as basic: leave field 7 of GRID empty"
+)
 _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 
 
@@ -156,6 +159,8 @@ class RunModes:
         Whether modal masses are 1 in the units of the solver; otherwise the scale of each shape is free.
     rounding : float
         Rounding of the numbers of shapes as printed, as a part of the size of a shape.
+    notes : tuple of str
+        What the file does not say, and how it was taken.
     """
 
     frequency: FloatArray
@@ -163,6 +168,7 @@ class RunModes:
     values: FloatArray
     has_mass: bool
     rounding: float = 1e-9
+    notes: tuple[str, ...] = ()
 
 
 def read_shapes(path: Path) -> RunModes:
@@ -204,7 +210,9 @@ def read_shapes(path: Path) -> RunModes:
     nodes = printed[0].nodes
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     frequency = [mode.frequency for mode in printed]
-    return _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), has_mass, suffix)
+    shapes = _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), has_mass, suffix)
+    is_silent = suffix in NASTRAN and bool((printed[0].systems < 0).any())
+    return replace(shapes, notes=(_TAKEN_AS_BASIC,)) if is_silent else shapes
 
 
 def _mass_normalized(mode: PrintedMode) -> FloatArray:
