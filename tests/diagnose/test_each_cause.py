@@ -55,7 +55,7 @@ FAULTS = [
     ("sensor_gain", ("3X",), np.log(1.5), [1.5], "the calibration of sensor 3X is off by a factor of 1.5"),
     ("load_gain", ("4Y",), np.log(0.8), [1.25], "the calibration of the force at 4Y is off by a factor of 1.25"),
     ("delay", ("5Y",), 1e-3, [1e-3], "sensor 5Y is late"),
-    ("load_delay", ("4Y",), 1e-3, [-1e-3], "the force at 4Y is late"),
+    ("load_delay", ("4Y",), 1e-3, [-1e-3], "the force at 4Y is early"),
     ("polarity", ("3X",), 1.0, [], "sensor 3X reads with the opposite sense"),
     ("swap", ("2X", "5Y"), 1.0, [], "the cables of 2X and 5Y are exchanged"),
     ("direction", ("3X", "3Y"), 0.2, [], "sensor 3X is turned towards 3Y"),

@@ -131,6 +131,18 @@ def test_modes_that_the_drawn_elements_lack_are_told_with_the_pieces_that_have_t
     assert not any("smaller elements" in words for words in stated.warnings)
 
 
+def test_a_check_takes_as_many_pieces_as_an_identification_may_and_warns_where_they_are_too_few(tmp_path, record):
+    """One element, band to 1600 Hz: 32 pieces, the most, leave mode 17 too high."""
+    lines = np.arange(1.0, 1600.0, 4.0)
+    single = sid.FrfRecord(lines, np.ones((len(lines), 1, 1), complex), ("2Y",), ("2Y",), "accelerance")
+    text = STUDY.replace("1 = 1.0\n", "").replace("[[0, 1], [1, 2]]", "[[0, 2]]").replace("60.0]", "1600.0]")
+    found = check_study(load_study(written(tmp_path, single, text)))
+    assert found.study.structure.subdivide == 32
+    mesh = found.mesh.words
+    assert mesh.startswith("the mesh is too coarse: mode ")
+    assert found.warnings[0].endswith(f"`subdivide = 32` in [structure] starts the search with them; {mesh}")
+
+
 def test_a_search_without_the_modes_of_the_band_is_begun_anew_with_the_pieces_that_have_them(
     tmp_path, record, monkeypatch
 ):

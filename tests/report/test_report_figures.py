@@ -236,6 +236,17 @@ def test_modes_that_change_their_order_stay_together() -> None:
     assert [row[0] for row in mode_table(rows, (0.0, 9.0)).rows] == ["1 (was 2)", "2 (was 1)", "3"]
 
 
+def test_modes_of_a_rigid_body_keep_their_numbers():
+    """Shapes of three modes at 0 Hz that turn into each other, and two elastic ones that cross."""
+    shapes = np.eye(5)
+    before = SimpleNamespace(frequency=np.array([0, 0, 1e-6, 4.0, 5.0]), mode_shapes=shapes, damping_ratio=np.zeros(5))
+    after = SimpleNamespace(
+        frequency=np.array([0, 1e-6, 1e-6, 5.0, 6.0]), mode_shapes=shapes[:, [1, 2, 0, 4, 3]], damping_ratio=np.zeros(5)
+    )
+    rows = mode_rows(SimpleNamespace(modes_initial=before, modes=after))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(rows.initial_number, [1, 2, 3, 5, 4])
+
+
 def test_units_of_rotations_and_moments() -> None:
     sensor, turn = si.Dof(1, "X"), si.Dof(1, "RZ")
     assert channel_unit("accelerance", sensor, sensor) == "(m/s^2)/N"

@@ -205,18 +205,21 @@ def _first(explanation: Explanation, item: RefitTask, work: TaskExecutor) -> Fit
 def _paired(explanation: Explanation, work: TaskExecutor, budget: SearchBudget) -> Explanation:
     """Explanation with a second change in addition to the first, or with another pair if that leaves more than noise.
 
-    A finer mesh is tried first, whatever is left of the budget; if it leaves only noise, nothing else is searched for.
+    A finer mesh is tried first, whatever is left of the budget, unless a limit in seconds is used up; if it leaves only
+    noise, nothing else is searched for.
     At most four other pairs are tried, and the best is taken. With the second given, another first is searched for: a
     change that only resembles the first of two faults loses its effect once the second is known. Where that brings
     nothing, a second is searched for with the next of the first causes. If the second explains as much alone, it is
     returned as the only cause. Where the budget ends the search, `is_single` is set. `explanation` has the first
     causes; `work` and `budget` run and limit the fits.
     """
-    finer = _on_finer_mesh(explanation.causes[0], work)
+    is_second_allowed = budget.allows(explanation.spent, 0.5)
+    is_in_time = not np.isfinite(budget.seconds) or budget.is_left
+    finer = _on_finer_mesh(explanation.causes[0], work) if is_in_time else None
     if finer is not None:
         pair = replace(explanation, further=finer)
         return _second_alone(explanation, pair, work) or pair
-    if not budget.allows(explanation.spent, 0.5):
+    if not is_second_allowed:
         return replace(explanation, is_single=True)
     second = _beside(explanation.causes[0], work, "second ", budget)
     pair = replace(explanation, further=second)

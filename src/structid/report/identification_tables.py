@@ -31,7 +31,7 @@ from structid.identification.identified import Identification
 from structid.identification.record_fit import Resonance
 from structid.identification.varying import Varied
 from structid.inversion import Estimate
-from structid.report.figures.parameters import ModeRows
+from structid.report.figures.parameters import RIGID, ModeRows
 from structid.report.page import Table
 from structid.study.results.view import ResultsView
 
@@ -201,7 +201,7 @@ def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
     table = []
     for i in range(len(rows.frequency)):
         before, after = float(rows.initial_frequency[i]), float(rows.frequency[i])
-        rigid = after < 1e-4 * float(rows.frequency.max())
+        rigid = after < RIGID * float(rows.frequency.max())
         table.append(
             (
                 str(i + 1) + ("" if rows.initial_number[i] == i + 1 else f" (was {rows.initial_number[i]})"),

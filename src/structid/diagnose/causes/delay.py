@@ -1,4 +1,4 @@
-"""A sensor or load is late, or several sensors of one card are."""
+"""A sensor or load is late or early, or several sensors of one card are."""
 
 from __future__ import annotations
 
@@ -35,9 +35,16 @@ def _effect(
     return np.sum([scaled_channel(receptances, axis, index, factors) for index in indices], axis=0)
 
 
+def _late_or_early(delay: float | None) -> str:
+    """``late``, or ``early`` for a negative delay; both where it is not known."""
+    if delay is None:
+        return "late or early"
+    return "early" if delay < 0 else "late"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SensorDelay(Candidate):
-    """A sensor, or several by one time, that is late; the strength is the time, s."""
+    """A sensor, or several by one time, that is late, or early if the strength, the time in s, is negative."""
 
     kind: ClassVar[str] = "delay"
     record: int | None = 0
@@ -56,13 +63,13 @@ class SensorDelay(Candidate):
 
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
-            return f"sensors {join_words(self.where)} are late by one time, as of one card"
-        return f"sensor {self.where[0]} is late"
+            return f"sensors {join_words(self.where)} are {_late_or_early(value)} by one time, as of one card"
+        return f"sensor {self.where[0]} is {_late_or_early(value)}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadDelay(Candidate):
-    """A load whose measurement is early; the strength is the time, s."""
+    """A load whose measurement is early, or late if the strength, the time in s, is negative."""
 
     kind: ClassVar[str] = "load_delay"
     result_kind: ClassVar[str] = "delay"
@@ -81,4 +88,4 @@ class LoadDelay(Candidate):
         return [AddChannelError(self.record or 0, entry)]
 
     def sentence(self, value: float | None) -> str:
-        return f"the force at {self.where[0]} is late"
+        return f"the force at {self.where[0]} is {_late_or_early(value)}"

@@ -186,6 +186,8 @@ _AFTER = plot.Marker("circle", 8.0, palette.FITTED)
 _SIZE = (525.0, 380.0)
 #: MAC that a pair of modes of one number has the advantage of: close modes turn into each other without a meaning.
 _SAME_NUMBER = 0.1
+#: Part of the highest frequency below which a mode is that of a rigid body.
+RIGID = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,15 +215,19 @@ def mode_rows(fit: Identification | RecordFit) -> ModeRows:
     """Frequencies (Hz), damping ratios and MAC of the modes of the identified model and their like in the initial one.
 
     Pairs have the largest sum of MACs, so that modes which change their order stay together; modes of one number are
-    paired unless others are clearly more alike. As many modes count as both models have. The MAC is of shapes at the
-    degrees of freedom of the model, NaN for a shape of zeros.
+    paired unless others are clearly more alike. Rigid body modes, whose shapes may turn into each other, are paired by
+    number. As many modes count as both models have. The MAC is of shapes at the degrees of freedom of the model, NaN for a
+    shape of zeros.
     """
     before, after = fit.modes_initial, fit.modes
     n = min(len(before.frequency), len(after.frequency))
     x, y = after.mode_shapes[:, :n], before.mode_shapes
     size = np.outer((x**2).sum(axis=0), (y**2).sum(axis=0))
     mac = np.divide((x.T @ y) ** 2, size, out=np.full(size.shape, np.nan), where=size > 0)
-    partner = assign_pairs(np.nan_to_num(mac) + _SAME_NUMBER * np.eye(*mac.shape))[1]
+    likeness = np.nan_to_num(mac) + _SAME_NUMBER * np.eye(*mac.shape)
+    rigid = [shown < RIGID * shown.max(initial=0.0) for shown in (after.frequency[:n], before.frequency)]
+    either = rigid[0][:, None] | rigid[1]
+    partner = assign_pairs(np.where(either, np.eye(*mac.shape), likeness))[1]
     return ModeRows(
         partner + 1,
         before.frequency[partner],

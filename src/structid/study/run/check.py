@@ -428,7 +428,8 @@ def _divided(ready: PreparedStudy) -> tuple[PreparedStudy, MeshErrors | str, str
         " them by what this moves the values by"
     )
     mesh = checked_mesh(divided.setups[0], divided.problems[0])
-    return divided, mesh, lacking if drawn.passed_over.size else "", remark
+    warnings = [lacking if drawn.passed_over.size else "", "" if isinstance(mesh, str) else mesh.words]
+    return divided, mesh, "; ".join(filter(None, warnings)), remark
 
 
 def _with_strengths(ready: PreparedStudy, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:

@@ -135,15 +135,18 @@ def refine_mesh(
         if halved is not None:
             words = kept_words(drawn, halved.identification, 2, mesh.needed)
             return ready, _with_mesh_words(result, (words, fixed_mesh), "", True)
-    of_band = 1 if _is_right(drawn.estimate.goodness) else _pieces_at_start(drawn_study)
+    if not mesh.is_enough and not mesh.obstacle and not _is_right(drawn.estimate.goodness):
+        anew = _begun_anew(ready, mesh.needed, progress, work)
+        if anew is not None:
+            ready, result = anew
+            count = ready.setups[0].structure.subdivide
+            mesh = judge_pieces(ready.setups, result.identification, options, count)
     while not mesh.is_enough and not mesh.obstacle:
-        pieces, near = mesh.needed, mesh.finer_minimum
-        if count == 1 and of_band > pieces:
-            pieces, near = of_band, {}
+        pieces = mesh.needed
         try:
             study, setups = with_pieces(ready.study, ready.setups, pieces)
             finer = compare_with_models(study, setups)
-            divided = run_prepared(finer, progress, work, near)
+            divided = run_prepared(finer, progress, work, mesh.finer_minimum)
         except (InputError, NoAnswerError, SingularModelError) as error:
             mesh = replace(mesh, obstacle=f"{pieces} pieces cannot be identified ({error})")
             break
@@ -159,12 +162,23 @@ def refine_mesh(
     return ready, _with_mesh_words(result, (division, fixed_mesh), mesh.warning, mesh.is_enough and not fixed_mesh)
 
 
-def _pieces_at_start(drawn: PreparedStudy) -> int:
-    """Number of pieces with which the initial model has the modes in the band of the first record right, from 1 on.
+def _begun_anew(
+    drawn: PreparedStudy, needed: int, progress: StageProgress | None, work: TaskExecutor
+) -> tuple[PreparedStudy, StudyResult] | None:
+    """The study and its result with the pieces that the modes in the band need, searched from the study's starts.
 
-    With fewer the model lacks modes, and the search may end far from the minimum that more pieces have.
+    With elements as `drawn` the model lacks modes, and the search may have ended far from the minimum that more pieces
+    have. None if no more than `needed` pieces are asked for, or if the search fails.
     """
-    return pieces_for_band(drawn, checked_mesh(drawn.setups[0], drawn.problems[0]))
+    try:
+        pieces = pieces_for_band(drawn, checked_mesh(drawn.setups[0], drawn.problems[0]))
+        if pieces <= needed:
+            return None
+        finer = compare_with_models(*with_pieces(drawn.study, drawn.setups, pieces))
+        result = run_prepared(finer, progress, work)
+    except (InputError, NoAnswerError, SingularModelError, np.linalg.LinAlgError):
+        return None
+    return None if result.identification.estimate.status is Status.NOT_CONVERGED else (finer, result)
 
 
 def _identified_in_halves(

@@ -137,8 +137,8 @@ def pieces_for_band(ready: PreparedStudy, mesh: MeshErrors | str) -> int:
         return 1
     count = 1
     while not isinstance(mesh, str) and mesh.finding:
-        finer = count * min(max(mesh.needed, 2), _MOST_FINER)
-        if finer > MOST_PIECES or max(dofs_of_pieces(made, finer) for made in ready.setups) > MOST_DOFS:
+        finer = min(count * min(max(mesh.needed, 2), _MOST_FINER), MOST_PIECES)
+        if finer == count or max(dofs_of_pieces(made, finer) for made in ready.setups) > MOST_DOFS:
             break
         count = finer
         cut = replace(setup.structure, subdivide=count)
