@@ -33,7 +33,7 @@ from structid.reproduce.chapter_4 import (
     cantilever,
     classical_values,
     exact_record,
-    in_rad_per_s,
+    hertz_of,
     rms,
 )
 
@@ -63,7 +63,7 @@ ROWS = (
 
 def record_of(outputs: tuple[str, ...]) -> sid.FrfRecord:
     """The noise-free record, with the noise that is declared."""
-    clean = exact_record(CASE_2.actual, Reading("", in_rad_per_s(*GRID), outputs))
+    clean = exact_record(CASE_2.actual, Reading("", hertz_of(*GRID), outputs))
     return replace(clean, variance=(NOISE * np.abs(clean.values)) ** 2)
 
 

@@ -41,7 +41,7 @@ from structid.reproduce.chapter_4 import (
     Noise,
     Reading,
     cantilever,
-    in_rad_per_s,
+    hertz_of,
     noisy_record,
 )
 from structid.study.schema.plan import load_plan
@@ -174,7 +174,7 @@ def sensors_table() -> None:
 
 def refusals(seeds: range) -> None:
     """Part (a)."""
-    printed = Reading("printed", in_rad_per_s(*GRID), (TIP,))
+    printed = Reading("printed", hertz_of(*GRID), (TIP,))
     print("\n(a) printed noisy case 2: refused by `structid identify` (aim: every seed, with the bound of 2600 %)")
     for label, start in (("actual parameters", CASE_2.actual), ("printed start", CASE_2.postulated)):
         statuses, codes, first = refused(seeds, start, printed)

@@ -16,12 +16,12 @@ from structid.reproduce.chapter_4 import (
     Reading,
     cantilever,
     exact_record,
-    in_rad_per_s,
+    hertz_of,
     rms,
 )
 
 NOISE = 1e-10  # stands for rounding
-PRINTED = in_rad_per_s(*GRID)
+PRINTED = hertz_of(*GRID)
 UNKNOWNS = [sid.Unknown(p, "beam", each=True) for p in ("mass", "bending_stiffness")]
 
 

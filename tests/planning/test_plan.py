@@ -18,7 +18,7 @@ from structid.core.errors import SingularModelError
 from structid.forward.frf.response import response
 from structid.planning.plan import PlanOptions, plan
 from structid.records.formats import read_record, write_record
-from structid.reproduce.chapter_4 import CASE_2, GRID, TIP, Noise, Reading, cantilever, in_rad_per_s, noisy_record
+from structid.reproduce.chapter_4 import CASE_2, GRID, TIP, Noise, Reading, cantilever, hertz_of, noisy_record
 from structid.study.schema.plan import load_plan, planned
 from structid.unknowns.priors import priors_of
 from structid.unknowns.tolerances import EXACT, Tolerances
@@ -296,7 +296,7 @@ def test_bounds_of_the_single_sensor_are_those_of_the_reference(beam):
     """Chapter 4, case 2, 0.01 % real relative noise: 26 on the printed grid, 1.1e-3 in Hz, 6.9e-5 on 24 log-spaced lines."""
     tip = parse_dofs((TIP,))
     spread = tuple(np.geomspace(0.1, 60, 24) / (2 * np.pi))
-    for lines, bound in ((in_rad_per_s(*GRID), 26.0), (GRID, 1.13e-3), (spread, 6.9e-5)):
+    for lines, bound in ((hertz_of(*GRID), 26.0), (GRID, 1.13e-3), (spread, 6.9e-5)):
         options = PlanOptions(lines, tip, tip, kind="receptance", relative_noise=np.sqrt(2) * 1e-4)
         assert plan(*beam, options).chosen.rms_std == pytest.approx(bound, rel=5e-3)
 
@@ -321,7 +321,7 @@ def test_planned_lines_attain_their_bound(beam):
 
 
 def test_printed_noisy_case_is_refused_with_its_bound():
-    reading = Reading("printed", in_rad_per_s(*GRID), (TIP,))
+    reading = Reading("printed", hertz_of(*GRID), (TIP,))
     record = noisy_record(CASE_2, reading, Noise(1e-4), np.random.default_rng(0))
     structure = cantilever(CASE_2.actual)
     found = sid.identify(

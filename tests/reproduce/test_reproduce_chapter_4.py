@@ -25,7 +25,7 @@ from structid.reproduce.chapter_4 import (
     cramer_rao,
     errors_of,
     exact_record,
-    in_rad_per_s,
+    hertz_of,
     items,
     noisy_errors,
     noisy_record,
@@ -147,7 +147,7 @@ def test_cramer_rao_bound_of_square_and_of_whitened_data_agree():
 
 
 def test_noise_does_what_it_says():
-    reading = Reading("", in_rad_per_s(0.5, 1.0), ("3Y+", TIP))
+    reading = Reading("", hertz_of(0.5, 1.0), ("3Y+", TIP))
     exact = exact_record(CASE_1.actual, reading)
 
     def ratios(noise):
@@ -167,7 +167,7 @@ def test_noise_does_what_it_says():
         noisy_record(CASE_1, reading, Noise(frequency=1e-3), np.random.default_rng(0)).frequency, exact.frequency
     )
     frequency = ratios(Noise(frequency=1e-3))
-    shifted = exact_record(CASE_1.actual, Reading("", in_rad_per_s(0.5005, 1.001), ("3Y+", TIP))).values.real[..., 0]
+    shifted = exact_record(CASE_1.actual, Reading("", hertz_of(0.5005, 1.001), ("3Y+", TIP))).values.real[..., 0]
     slope = (shifted / exact.values.real[..., 0] - 1) / 1e-3
     assert frequency.std(axis=0) == pytest.approx(np.abs(slope) * 1e-3, rel=0.3)
 

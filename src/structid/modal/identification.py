@@ -97,7 +97,7 @@ def identify_modes(
 
     References
     ----------
-    See `pencil`, `stabilization` and `pole_uncertainty` in this package.
+    See `poles.stabilization`, `subspace.methods` and `subspace.pole_uncertainty` in this package.
 
     Examples
     --------

@@ -97,20 +97,20 @@ class Reading:
     outputs: tuple[str, ...]
 
 
-def in_rad_per_s(*omega: float) -> tuple[float, ...]:
-    """Frequencies in Hz, as a tuple, that are given as circular frequencies `omega` in rad/s."""
+def hertz_of(*omega: float) -> tuple[float, ...]:
+    """Frequencies in Hz, as a tuple, of circular frequencies `omega` in rad/s."""
     return tuple(float(value / (2 * np.pi)) for value in omega)
 
 
 GRID = tuple(0.5 * e for e in range(1, 13))
 ALL_MOTIONS = tuple(f"{node}{direction}" for node in range(1, N_ELEMENTS + 1) for direction in ("Y+", "RZ+"))
 DEFLECTIONS = tuple(f"{node}Y+" for node in range(1, N_ELEMENTS + 1))
-ALL_AT_HALF = Reading("all 12 motions, 0.5 rad/s", in_rad_per_s(GRID[0]), ALL_MOTIONS)
-ALL_AT_ALL = Reading("all 12 motions, 0.5 to 6 rad/s", in_rad_per_s(*GRID), ALL_MOTIONS)
-TIP_PRINTED = Reading("tip deflection, 0.5 to 6 rad/s (as printed)", in_rad_per_s(*GRID), (TIP,))
+ALL_AT_HALF = Reading("all 12 motions, 0.5 rad/s", hertz_of(GRID[0]), ALL_MOTIONS)
+ALL_AT_ALL = Reading("all 12 motions, 0.5 to 6 rad/s", hertz_of(*GRID), ALL_MOTIONS)
+TIP_PRINTED = Reading("tip deflection, 0.5 to 6 rad/s (as printed)", hertz_of(*GRID), (TIP,))
 TIP_IN_HZ = Reading("tip deflection, 0.5 to 6 Hz", GRID, (TIP,))
-TIP_NODE = Reading("tip deflection and rotation, 0.5 to 6 rad/s", in_rad_per_s(*GRID), (TIP, "6RZ+"))
-TWO_DEFLECTIONS = Reading("deflections of nodes 1 and 6, 0.5 to 6 rad/s", in_rad_per_s(*GRID), ("1Y+", TIP))
+TIP_NODE = Reading("tip deflection and rotation, 0.5 to 6 rad/s", hertz_of(*GRID), (TIP, "6RZ+"))
+TWO_DEFLECTIONS = Reading("deflections of nodes 1 and 6, 0.5 to 6 rad/s", hertz_of(*GRID), ("1Y+", TIP))
 
 
 def cantilever(values: FloatArray) -> Structure:
@@ -323,7 +323,7 @@ def figure_4_2() -> ReproducedItem:
     solved = np.full(len(main), np.nan)
     one_step = one_step_solution(CASE_1, exact_record(CASE_1.actual, ALL_AT_HALF))
     solved[:2] = main[0], rms(one_step / CASE_1.actual - 1)
-    others = [Reading(f"{omega:g} rad/s", in_rad_per_s(omega), ALL_MOTIONS) for omega in (1.0, 2.0, 3.0, 6.0)]
+    others = [Reading(f"{omega:g} rad/s", hertz_of(omega), ALL_MOTIONS) for omega in (1.0, 2.0, 3.0, 6.0)]
     others += [Reading("0.5 Hz", (GRID[0],), ALL_MOTIONS), ALL_AT_ALL]
     paths = [errors_of(CASE_1, reading) for reading in others]
     start = _start_table(CASE_1, 12.0, main)
@@ -396,7 +396,7 @@ def _single_sensors() -> tuple[Table, int]:
     """
     rows = []
     for sensor in DEFLECTIONS:
-        printed = Reading("", in_rad_per_s(*GRID), (sensor,))
+        printed = Reading("", hertz_of(*GRID), (sensor,))
         in_hz = Reading("", GRID, (sensor,))
         errors, errors_in_hz = errors_of(CASE_2, printed), errors_of(CASE_2, in_hz)
         conditions = [np.linalg.cond(relative_jacobian(CASE_2, r)) for r in (printed, in_hz)]
@@ -427,7 +427,7 @@ def _sensor_pairs() -> tuple[Table, int]:
     to an error of 0 (NaN if there is none). Lines are at 0.5 to 6 rad/s.
     """
     chosen = list(combinations(DEFLECTIONS, 2))
-    paths = [errors_of(CASE_2, Reading("", in_rad_per_s(*GRID), pair)) for pair in chosen]
+    paths = [errors_of(CASE_2, Reading("", hertz_of(*GRID), pair)) for pair in chosen]
     computed = np.array([[path[1], path[3], iterations_to(path)] for path in paths])
     columns = ("RMS error after 1 iteration", "after 3 iterations", "iterations to zero")
     labels = tuple(f"deflections of nodes {a[0]} and {b[0]}" for a, b in chosen)
