@@ -196,7 +196,10 @@ def test_only_delays_of_one_record_and_about_one_time_go_together():
     [found] = _of_one_card(rows)
     assert (found.candidate.where, found.strength) == (("1X", "3X"), pytest.approx(1.9e-3))
     assert _of_one_card(rows[:2]) == []
-    assert found.candidate.sentence(None) == "sensors 1X, 3X are late by one time, as of one card"
+    sentence = found.candidate.sentence
+    assert sentence(None) == "sensors 1X, 3X are late or early by one time, as of one card"
+    assert sentence(1e-3) == "sensors 1X, 3X are late by one time, as of one card"
+    assert sentence(-1e-3) == "sensors 1X, 3X are early by one time, as of one card"
 
 
 @pytest.mark.long
