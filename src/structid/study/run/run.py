@@ -167,11 +167,14 @@ def _begun_anew(
 ) -> tuple[PreparedStudy, StudyResult] | None:
     """The study and its result with the pieces that the modes in the band need, searched from the study's starts.
 
-    With elements as `drawn` the model lacks modes, and the search may have ended far from the minimum that more pieces
-    have. None if no more than `needed` pieces are asked for, or if the search fails.
+    Where elements as `drawn` lack modes, the search may have ended far from the minimum that more pieces have. None if
+    they lack none, if no more than `needed` pieces are asked for, or if the search fails.
     """
     try:
-        pieces = pieces_for_band(drawn, checked_mesh(drawn.setups[0], drawn.problems[0]))
+        mesh = checked_mesh(drawn.setups[0], drawn.problems[0])
+        if isinstance(mesh, str) or not mesh.passed_over.size:
+            return None
+        pieces = pieces_for_band(drawn, mesh)
         if pieces <= needed:
             return None
         finer = compare_with_models(*with_pieces(drawn.study, drawn.setups, pieces))
