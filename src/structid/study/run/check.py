@@ -414,7 +414,7 @@ def _divided(ready: PreparedStudy) -> tuple[PreparedStudy, MeshErrors | str, str
     it came. The warning is on a mesh that is too coarse, or on modes that the elements as drawn lack; "" if there are none.
     """
     drawn = checked_mesh(ready.setups[0], ready.problems[0])
-    count = pieces_for_band(ready, drawn)
+    count, mesh = pieces_for_band(ready, drawn)
     if isinstance(drawn, str):
         return ready, drawn, "", ""
     if count == 1:
@@ -427,7 +427,6 @@ def _divided(ready: PreparedStudy) -> tuple[PreparedStudy, MeshErrors | str, str
         f"each element of beams and bars in {count} pieces for this check, by the modes in the band; `structid identify` divides"
         " them by what this moves the values by"
     )
-    mesh = checked_mesh(divided.setups[0], divided.problems[0])
     warnings = [lacking if drawn.passed_over.size else "", "" if isinstance(mesh, str) else mesh.words]
     return divided, mesh, "; ".join(filter(None, warnings)), remark
 

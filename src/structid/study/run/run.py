@@ -23,6 +23,7 @@ from structid.identification.mesh_pieces import (
     kept_words,
     undivided_words,
 )
+from structid.identification.options import IdentifyOptions
 from structid.identification.search import chosen_method
 from structid.inversion import Status
 from structid.inversion.estimate import Goodness
@@ -115,9 +116,10 @@ def refine_mesh(
 ) -> tuple[PreparedStudy, StudyResult]:
     """The study and its result with beams divided into more pieces, until finer pieces hardly change the values.
 
-    Both stay as they are where a solver gives the model, where the mesh changes no value, and where the record fits the
-    drawn elements but no divided ones. Where the study states the number of pieces they stay too, and a warning is
-    added if the mesh changes a value. A warning also says what keeps the mesh from being judged or made finer.
+    Study and values stay where a solver gives the model, where the mesh changes no value, and where the record fits the
+    elements as drawn in the study but not divided ones; the words on the mesh may change. Where the study states the
+    number of pieces, a warning is added if the mesh changes a value. A warning also says what keeps the mesh from being
+    judged or made finer.
     """
     if ready.study.solved is not None:
         return ready, result
@@ -142,24 +144,39 @@ def refine_mesh(
             count = ready.setups[0].structure.subdivide
             mesh = judge_pieces(ready.setups, result.identification, options, count)
     while not mesh.is_enough and not mesh.obstacle:
-        pieces = mesh.needed
         try:
-            study, setups = with_pieces(ready.study, ready.setups, pieces)
-            finer = compare_with_models(study, setups)
-            divided = run_prepared(finer, progress, work, mesh.finer_minimum)
+            finer, divided = _identified_in_pieces(ready, mesh.needed, progress, work, mesh.finer_minimum)
         except (InputError, NoAnswerError, SingularModelError) as error:
-            mesh = replace(mesh, obstacle=f"{pieces} pieces cannot be identified ({error})")
+            mesh = replace(mesh, obstacle=f"{mesh.needed} pieces cannot be identified ({error})")
             break
         if divided.identification.estimate.status is Status.NOT_CONVERGED:
-            mesh = replace(mesh, obstacle=f"with {pieces} pieces the search does not converge")
+            mesh = replace(mesh, obstacle=f"with {mesh.needed} pieces the search does not converge")
             break
         if _fits_only_as_drawn(drawn.estimate.goodness, divided.identification.estimate.goodness):
-            words = kept_words(drawn, divided.identification, pieces, pieces)
+            words = kept_words(drawn, divided.identification, mesh.needed, mesh.needed)
             return drawn_study, _with_mesh_words(drawn_result, (words, fixed_mesh), "", True)
-        ready, result, count = finer, divided, pieces
+        ready, result, count = finer, divided, mesh.needed
         mesh = judge_pieces(ready.setups, result.identification, options, count)
     division = "" if count == 1 else division_words(drawn, result.identification, count)
     return ready, _with_mesh_words(result, (division, fixed_mesh), mesh.warning, mesh.is_enough and not fixed_mesh)
+
+
+def _identified_in_pieces(
+    ready: PreparedStudy,
+    count: int,
+    progress: StageProgress | None,
+    work: TaskExecutor,
+    near: Mapping[str, float] | None = None,
+    options: IdentifyOptions | None = None,
+) -> tuple[PreparedStudy, StudyResult]:
+    """The study `ready` with its beams cut into `count` pieces each, and its result.
+
+    Records are not read again. `near` are free variables to start from, None for the study's starts; `options` replace
+    those of the study. Raises what `compare_with_models` and `run_prepared` raise.
+    """
+    study, setups = with_pieces(ready.study, ready.setups, count)
+    finer = compare_with_models(study if options is None else replace(study, options=options), setups)
+    return finer, run_prepared(finer, progress, work, near)
 
 
 def _begun_anew(
@@ -167,18 +184,18 @@ def _begun_anew(
 ) -> tuple[PreparedStudy, StudyResult] | None:
     """The study and its result with the pieces that the modes in the band need, searched from the study's starts.
 
-    Where elements as `drawn` lack modes, the search may have ended far from the minimum that more pieces have. None if
-    they lack none, if no more than `needed` pieces are asked for, or if the search fails.
+    With elements as drawn in the study, `drawn`, the model may lack modes, and the search then may have ended far from
+    the minimum that more pieces have. None if no mode of the first record's band is missing or that cannot be judged, if
+    the band needs no more than `needed` pieces, or if the search fails or does not converge.
     """
     try:
         mesh = checked_mesh(drawn.setups[0], drawn.problems[0])
         if isinstance(mesh, str) or not mesh.passed_over.size:
             return None
-        pieces = pieces_for_band(drawn, mesh)
-        if pieces <= needed:
+        count, _ = pieces_for_band(drawn, mesh)
+        if count <= needed:
             return None
-        finer = compare_with_models(*with_pieces(drawn.study, drawn.setups, pieces))
-        result = run_prepared(finer, progress, work)
+        finer, result = _identified_in_pieces(drawn, count, progress, work)
     except (InputError, NoAnswerError, SingularModelError, np.linalg.LinAlgError):
         return None
     return None if result.identification.estimate.status is Status.NOT_CONVERGED else (finer, result)
@@ -191,16 +208,14 @@ def _identified_in_halves(
 
     None if it does not, if `drawn`, the fit with elements as drawn, is not that of a right model, or if the search
     fails. The search starts at the minimum of `mesh`. Halves have a sixteenth of the error, so that more pieces, which
-    take many times as long, fit no better; as the fit alone counts, there are no further starts and no intervals of
-    greater cost.
+    take many times as long, fit no better. The fit alone counts, so there are no further starts, and intervals are those
+    of Laplace.
     """
     if not _is_right(drawn):
         return None
     try:
-        study, setups = with_pieces(ready.study, ready.setups, 2)
-        options = replace(study.options, intervals="laplace", uniqueness_starts=0)
-        finer = compare_with_models(replace(study, options=options), setups)
-        halved = run_prepared(finer, progress, work, mesh.finer_minimum)
+        options = replace(ready.study.options, intervals="laplace", uniqueness_starts=0)
+        _, halved = _identified_in_pieces(ready, 2, progress, work, mesh.finer_minimum, options)
     except (InputError, NoAnswerError, SingularModelError):
         return None
     estimate = halved.identification.estimate

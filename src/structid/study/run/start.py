@@ -124,17 +124,18 @@ def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple
     return cut, tuple(load_setup(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 
-def pieces_for_band(ready: PreparedStudy, mesh: MeshErrors | str) -> int:
-    """Number of pieces of each beam and bar with which the modes in the band of the first record are right.
+def pieces_for_band(ready: PreparedStudy, mesh: MeshErrors | str) -> tuple[int, MeshErrors | str]:
+    """Number of pieces of each beam and bar with which the modes in the band of the first record are right, and their mesh.
 
-    `mesh` has the errors of that set-up's modes, or says why it was not judged. The number is 1 where the mesh is fine
+    `mesh` has the errors of that set-up's modes, or says why it was not judged; what is returned is the same with the
+    number of pieces. The number is 1 where the mesh is fine
     enough or was not judged, where the study states the number, and beside cells, which are not divided. It is less than
     the modes ask for where an identification would not take so many pieces.
     """
     setup, structures = ready.setups[0], [made.structure for made in ready.setups]
     is_mixed = any(element.cells for structure in structures for element in structure.elements)
     if not ready.study.leaves_pieces_open or is_mixed or not setup.structure.divisible:
-        return 1
+        return 1, mesh
     count = 1
     while not isinstance(mesh, str) and mesh.finding:
         finer = min(count * min(max(mesh.needed, 2), _MOST_FINER), MOST_PIECES)
@@ -143,7 +144,7 @@ def pieces_for_band(ready: PreparedStudy, mesh: MeshErrors | str) -> int:
         count = finer
         cut = replace(setup.structure, subdivide=count)
         mesh = checked_mesh(setup.modelled_by(cut, setup.parameters, setup.channel_unknowns), ready.problems[0])
-    return count
+    return count, mesh
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
