@@ -212,8 +212,7 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
         raise FileError(f"{path}: is a folder; give the path of a file to write")
     if not path.parent.is_dir():
         raise FileError(f"{path}: its folder {path.parent} does not exist; create it first")
-    temporary = path.parent / f".{path.stem[:100]}.{secrets.token_hex(6)}{path.suffix}"
-    try:
+    with _temporary_beside(path) as temporary:
         yield temporary
         _keep_permissions(path, temporary)
         _flush_to_disk(temporary)
@@ -221,13 +220,6 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
             temporary.replace(path)
         elif not _link_new(temporary, path):
             raise FileError(f"{path}: is there already; give another name, or remove it")
-    except OSError as error:
-        raise FileError(
-            f"{path}: cannot be written ({error.strerror or error}); free disk space, check the permissions of "
-            f"{path.parent}, or write to another folder"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes | None], bool]) -> bool:
@@ -255,8 +247,7 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
     FileError
         If writing fails.
     """
-    temporary = path.parent / f".{path.stem[:100]}.{secrets.token_hex(6)}{path.suffix}"
-    try:
+    with _temporary_beside(path) as temporary:
         temporary.write_bytes(content)
         _keep_permissions(path, temporary)
         _flush_to_disk(temporary)
@@ -274,6 +265,17 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
         if temporary.read_bytes() != content:  # written once more meanwhile: the newest stays
             _exchange_names(temporary, path)
         return False
+
+
+@contextmanager
+def _temporary_beside(path: Path) -> Iterator[Path]:
+    """Context manager that gives a new name beside `path`, removes the file of this name at the end, and tells failures.
+
+    An `OSError` becomes a `FileError` that says that `path` cannot be written.
+    """
+    temporary = path.parent / f".{path.stem[:100]}.{secrets.token_hex(6)}{path.suffix}"
+    try:
+        yield temporary
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); free disk space, check the permissions of "
