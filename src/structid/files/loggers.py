@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from structid.core.arrays import FloatArray
 from structid.core.units import parse_time_unit
-from structid.files.lvm import read_lvm
+from structid.files.lvm import read_lvm, start_unsaid_words
 
 
 class Channel(NamedTuple):
@@ -122,7 +122,7 @@ def _read_tdms(path: str) -> Iterator[Channel]:
                 later = 0.0 if start is None else float((start - first) / np.timedelta64(1, "us")) * 1e-6
                 notes = ["the file ends within its last segment: the copy, or the logger, broke off"] if cut else []
                 if step > 0 and start is None and any(other is not None for other in starts):
-                    notes.append(f"{channel.name} does not say when it starts, taken as the first that does")
+                    notes.append(start_unsaid_words(channel.name))
                 yield _make_channel(
                     f"{group.name}/{channel.name}" if several else channel.name,
                     properties.get("unit_string") or properties.get("NI_UnitDescription"),

@@ -27,6 +27,11 @@ _ROUNDED = 0.75
 _WHOLE = 1e-9
 
 
+def start_unsaid_words(channel: str) -> str:
+    """Note on a channel of LabVIEW that does not say when it starts, beside others that do."""
+    return f"{channel} does not say when it starts, taken as the first that does"
+
+
 class LvmClock(NamedTuple):
     """Sampling times of a channel.
 
@@ -147,7 +152,7 @@ def read_lvm(path: Path) -> list[LvmChannel]:
         values = np.array([segment.decimal(row[column]) for row in segment.rows[:n_rows]])
         later = starts[j]
         start = (later or 0.0) + scale * segment.decimal(of_start[j] or "0")
-        note = f"{names[j]} does not say when it starts, taken as the first that does" if later is None else ""
+        note = start_unsaid_words(names[j]) if later is None else ""
         channels.append(LvmChannel(names[j], units[j], values, clocks[timed], start, note))
     return channels
 
