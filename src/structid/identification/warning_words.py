@@ -10,11 +10,9 @@ from structid.core.display import join_words
 from structid.forward import RecordProblem
 from structid.identification.joint_problem import first_values
 from structid.inversion import Estimate, Status
+from structid.inversion.search.within_tolerances import RUNAWAY_FACTOR
 from structid.unknowns.named_unknowns import DAMPING, MAY_VANISH
 
-#: Times its start, or parts of it, from where on a value is no longer taken for an answer. Starts that were 50 times off
-#: are found again, and what has no effect ends at the reach of the search, a million times the start.
-_FAR = 1e3
 #: What warnings say of a value whose interval reaches 0, and of standard deviations that are larger than those of noise.
 MAY_BE_ZERO = "is not significantly different from 0"
 OTHER_MINIMA = "searches ended at this minimum"
@@ -126,7 +124,7 @@ def ran_away(estimate: Estimate, problems: Sequence[RecordProblem]) -> tuple[int
     candidates = positive.astype(bool) & ~has_prior.astype(bool) & unsure & (estimate.initial > 0)
     ratio = np.divide(estimate.values, estimate.initial, out=np.ones(len(candidates)), where=candidates)
     absent = np.isin(estimate.kinds, MAY_VANISH)
-    far = (ratio >= _FAR) | ((ratio <= 1 / _FAR) & ~absent)
+    far = (ratio >= RUNAWAY_FACTOR) | ((ratio <= 1 / RUNAWAY_FACTOR) & ~absent)
     return tuple(np.flatnonzero(candidates & far).tolist())
 
 
@@ -163,7 +161,7 @@ def is_gone(estimate: Estimate, index: int) -> bool:
     """
     is_stiffness = estimate.names[index].startswith("stiffness[") and estimate.units[index] != "1"
     is_known = 0 < estimate.std[index] < estimate.values[index]  # 0 for a value that is held at a bound
-    limit = estimate.initial[index] / _FAR
+    limit = estimate.initial[index] / RUNAWAY_FACTOR
     is_gone_within_tolerances = estimate.fixed is None or bool(_value_within_tolerances(estimate, index) <= limit)
     return is_stiffness and not is_known and bool(estimate.values[index] <= limit) and is_gone_within_tolerances
 

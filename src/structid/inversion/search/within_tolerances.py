@@ -29,8 +29,9 @@ _LAST_REFIT = LevenbergMarquardt(max_iterations=4, gain_tolerance=1e-4, initial_
 
 #: Sum of squares, in parts of the number of data, from which on a fit is far beyond its noise.
 _FAR = 4.0
-#: Distance from its start, in sizes of the value, from which on a value ran away: a factor of 1000.
-_LOST = np.log(1000.0)
+#: Times its start, or parts of it, from where on a value ran away and is no longer taken for an answer. Starts that were
+#: 50 times off are found again, and what has no effect ends at the reach of the search, a million times the start.
+RUNAWAY_FACTOR = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ class FixedValues:
     def _lost(self, theta: FloatArray) -> NDArray[np.bool_]:
         """Mask (n_params,) of free variables `theta` so far from their starts that the data do not see the way back."""
         start = np.array(self.problem.theta_start)
-        return np.abs(theta - start) > _LOST * sizes_at(self.problem, start)
+        return np.abs(theta - start) > np.log(RUNAWAY_FACTOR) * sizes_at(self.problem, start)
 
     def followed(self, within: FitWithinTolerances, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
         """Copy of the fit `within` tolerances with its `followed` and `explained`, by comparison with an answer.
