@@ -240,6 +240,11 @@ class Structure(Shown, StructurePlots):
             f"{part} is known by its FRFs alone, which {what} cannot be computed with; {remedy}, or take {model}"
         )
 
+    def require_scaled_modes(self, what: str, *remedy: str) -> None:
+        """Raise `InputError` unless the structure has modes of known size; arguments as of `require_modes`."""
+        self.require_modes(what, *remedy)
+        self.require_masses(what)
+
     def require_masses(self, what: str) -> None:
         """Raise `InputError` if a solver gave modes without modal masses; `what` is in words what cannot be computed then."""
         free = [e.name for e in self.elements if isinstance(e, SolverModel) and not e.has_mass]

@@ -768,8 +768,7 @@ def _is_linear(structure: Structure) -> bool:
 
 def _require_linear(structure: Structure, what: str) -> None:
     """Raise `InputError` if a structure has no modes, or has dry friction; `what` is the quantity in words."""
-    structure.require_modes(what, "predict FRFs")
-    structure.require_masses(what)
+    structure.require_scaled_modes(what, "predict FRFs")
     rubbing = [element.name for element in structure.elements if isinstance(element, Friction)]
     if rubbing:
         raise InputError(

@@ -198,8 +198,7 @@ def state_space(
         )
     model = model_of(source)
     sensors, loads, structure = parse_dofs(outputs), parse_dofs(inputs), model.structure
-    structure.require_modes("state equations")
-    structure.require_masses("state equations")
+    structure.require_scaled_modes("state equations")
     sides = Sides(structure.selection(sensors), structure.selection(loads))
     basis = reduction_basis(structure, [model.values], sides, max(low, _LEAST * high), high)
     nominal = reduce_structure(structure, model.values, basis, sides)

@@ -105,8 +105,7 @@ def recorded_motion(
         If degrees of freedom are not measured (they are named), if there is no force, or if the rule lacks what it
         starts from.
     """
-    structure.require_modes("motion in time")
-    structure.require_masses("motion in time")
+    structure.require_scaled_modes("motion in time")
     readers = {name: field_map(structure, record, name) for name in MOTION_QUANTITIES}
     if all(reader is None for reader in readers.values()):
         raise InputError(NO_MOTION)

@@ -393,8 +393,7 @@ class LinearSystem:
 
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where friction, loss factors or measured FRFs take part: they have no linear equation in time."""
-    structure.require_modes("histories")
-    structure.require_masses("histories")
+    structure.require_scaled_modes("histories")
     require_matrices_in_time(structure, unknown)
 
 

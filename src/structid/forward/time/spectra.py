@@ -588,8 +588,7 @@ class SpectraProblem(RecordProblem):
 
     def __post_init__(self) -> None:
         """Raise `InputError` if the structure has friction or no modes, or a window's decay is unknown."""
-        self.structure.require_modes("histories")
-        self.structure.require_masses("histories")
+        self.structure.require_scaled_modes("histories")
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
         if friction:
             raise InputError(

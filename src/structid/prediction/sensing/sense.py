@@ -333,8 +333,7 @@ def sense(
             " with `unknown`"
         )
     structure = model.structure
-    structure.require_modes("motion at other places")
-    structure.require_masses("motion at other places")
+    structure.require_scaled_modes("motion at other places")
     read = output_map(structure, wanted, MOTION_DERIVATIVES[motion])
     sensors = structure.selection((*channels.sensors, *channels.left))
     loads = structure.selection((*channels.loads, *forces))

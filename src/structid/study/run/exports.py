@@ -237,8 +237,7 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
     if suffix not in MATRIX_SUFFIXES:
         raise FileError(f"{path}: the suffix must be one of {' '.join(MATRIX_SUFFIXES)}, got {path.suffix!r}")
     structure = model.structure
-    structure.require_modes("matrices")
-    structure.require_masses("matrices")
+    structure.require_scaled_modes("matrices")
     table = dof_table(structure.dofs)
     items = []
     for name, matrix_kind in _MATRICES.items():
