@@ -40,10 +40,7 @@ def compare(
       structid compare before_results after_results --level 0.01
       structid compare before_results after.toml --unchanged mass --out damage
     """
-    from structid.cli.console import (
-        run_progress,  # the help needs none of these
-        show,
-    )
+    from structid.cli.console import run_progress, show  # the help needs none of these
     from structid.compare.states import COMPARE_PAGE, comparison_summary
     from structid.compare.states import compare as compare_states
     from structid.core.json_types import json_text

@@ -30,10 +30,7 @@ def reproduce(
       structid reproduce
       structid reproduce --chapter 4 --out chapter_4
     """
-    from structid.cli.console import (
-        run_progress,  # the help needs none of these
-        show,
-    )
+    from structid.cli.console import run_progress, show  # the help needs none of these
     from structid.report.reproduce import write_reproduction
     from structid.reproduce import reproduction
 
