@@ -328,11 +328,7 @@ function values(found, beside, name, otherName) {
     "section",
     {class: "card"},
     h("h2", {}, "Values"),
-    h(
-      "p",
-      {},
-      found.total_mass?.value !== undefined ? `Total mass ${withStd(found.total_mass)} kg` : "",
-    ),
+    h("p", {}, found.total_mass?.value !== undefined ? `Total mass ${withStd(found.total_mass)} kg` : ""),
     table(
       header,
       rows.map((one) => {

@@ -520,7 +520,9 @@ function leaking(app, warnings) {
 
 // Where the mesh is too coarse: beams in as many pieces as the warning says, by a click.
 function coarse(app, warnings) {
-  const pieces = warnings.map((one) => one.match(/(?:too coarse|smaller elements).*`subdivide = (\d+)`/)?.[1]).find(Boolean);
+  const pieces = warnings
+    .map((one) => one.match(/(?:too coarse|smaller elements).*`subdivide = (\d+)`/)?.[1])
+    .find(Boolean);
   return app.folder.writable && pieces
     ? h(
         "div",

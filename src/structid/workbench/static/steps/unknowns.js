@@ -393,11 +393,7 @@ function planning(place, app) {
   fill(
     place,
     h("h2", {}, "Best sensors"),
-    h(
-      "p",
-      {class: "note"},
-      "The sensor positions that determine these unknowns best, chosen before any test.",
-    ),
+    h("p", {class: "note"}, "The sensor positions that determine these unknowns best, chosen before any test."),
     h("div", {class: "row end"}, field("Sensors", count, "short"), button),
     result,
   );
