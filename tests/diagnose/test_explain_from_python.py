@@ -40,6 +40,18 @@ def test_a_printed_identification_begins_with_its_verdict(clamped):
     assert str(right).startswith("Sound: ")
 
 
+def test_a_sound_answer_names_what_the_data_determine_weakly():
+    model = beam(["0Y", "0RZ"], sid.Spring("wire", "4Y", stiffness=0.15))
+    unknown = sid.parameters(model, [sid.Unknown("bending_stiffness", "rail"), sid.Unknown("stiffness", "wire")])
+    lines = sid.FrfRecord(FREQUENCY, np.ones((len(FREQUENCY), 3, 1)), ["1Y", "2Y", "4Y"], ["2Y"], "receptance")
+    record = simulated_record(model, unknown, lines, 0.01, np.random.default_rng(3))
+    found = sid.identify(model, unknown, record, sid.IdentifyOptions(restarts=0, tolerances=EXACT))
+    words = str(found).splitlines()[0]
+    percent = 100 * found.estimate.std[1] / found.estimate.values[1]
+    assert percent > 50
+    assert words.endswith(f"the data determine every parameter but stiffness[wire] (to ± {percent:.2g} %).")
+
+
 def test_the_cause_is_named_without_a_study(clamped):
     diagnosis = sid.explain(clamped, seconds=20.0)
     assert diagnosis.judgement.verdict == "wrong_model"

@@ -44,7 +44,7 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.identified import Identification
 from structid.identification.record_fit import LEAST_DAMPING, RecordFit
 from structid.identification.warning_words import is_gone, ran_away_words
-from structid.inversion import Status
+from structid.inversion import Estimate, Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
 
@@ -528,6 +528,20 @@ def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
     return Judgement("approximate", words, change_words)
 
 
+def _weak_words(estimate: Estimate) -> str:
+    """Exception for the parameters that the data determine weakly: ``" but mass[deck] (to ± 80 %)"``; "" if there are none.
+
+    Parameters at a bound do not count.
+    """
+    at_bound = {bound.index for bound in estimate.spread.at_bound}
+    weak = [index for index in np.flatnonzero(estimate.weakly_determined).tolist() if index not in at_bound]
+    if not weak:
+        return ""
+    relative = 100 * np.abs(estimate.std / estimate.values)
+    named = join_words([f"{estimate.names[index]} (to ± {relative[index]:.2g} %)" for index in weak], 3)
+    return f" but {named}"
+
+
 def _judged(
     identification: Identification,
     causes: Sequence[Cause],
@@ -576,7 +590,7 @@ def _judged(
                 f" parameter (the data alone {rank} of {n_free} combinations)."
             )
             return Judgement("sound", words)
-        words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
+        words = f"{words} {'other ' if at_bound else ''}parameter{_weak_words(estimate)}{f'; {at_bound}' if at_bound else ''}."
         if estimate.goodness.degrees_of_freedom < FEW_FREEDOMS:
             counted = estimate.goodness.n_values or estimate.goodness.n_data
             values, parameters = plural(counted, "value"), plural(len(estimate.names), "parameter")

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+#: Standard deviation relative to the value beyond which data determine a parameter only weakly.
+_WEAK = 0.5
 #: Probability of a larger chi-square below which the residual is looked at with fixed values free within their tolerances.
 _DOUBTFUL = 0.3
 
@@ -324,6 +326,11 @@ class Estimate(Shown):
     def identified(self) -> np.ndarray:
         """Mask of the parameters that the data determine, (n_params,) bool."""
         return self.spread.identified
+
+    @property
+    def weakly_determined(self) -> np.ndarray:
+        """Mask of the parameters whose standard deviation exceeds half their value, (n_params,) bool."""
+        return np.abs(self.std) > _WEAK * np.abs(self.values)
 
     @property
     def identifiability(self) -> Identifiability:

@@ -54,8 +54,6 @@ PARAMETERS = "parameters.csv"
 MOST_ADVICE = 5
 #: Length of a first sentence of a verdict that needs the second to say why.
 _SHORT_SENTENCE = 60
-#: Relative standard deviation beyond which a value is weakly determined.
-_WEAK = 0.5
 #: Factor below and above a value that an end of its interval lies beyond where it tells nothing, and the words for two such ends.
 _NO_LIMIT, _NO_INTERVAL = 1000.0, "not determined"
 _BETWEEN_SENTENCES = re.compile(r"(?<=[.?!]) (?=[A-Z])")
@@ -471,7 +469,7 @@ def parameter_states(identification: Identification) -> tuple[str, ...]:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
     has_prior = bool(np.isfinite(identification.priors.std).any())
     states = np.full(len(estimate.names), "determined", dtype=object)
-    states[np.abs(estimate.std) > _WEAK * np.abs(estimate.values)] = "weakly determined"
+    states[estimate.weakly_determined] = "weakly determined"
     states[weak] = "by prior" if has_prior else "weakly determined"
     states[list(identification.by_prior)] = "by prior"
     states[~estimate.identified] = "not determined"
