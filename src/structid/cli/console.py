@@ -186,16 +186,17 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
 
 
 def _bars(bar: Progress) -> ShowProgress:
-    """Function that shows progress as one bar of `bar` on a terminal, that of the current task.
+    """Function that shows progress as one bar of `bar` on a terminal, that of the task that began last.
 
     Until its first call the bar says that the study is read and checked.
     """
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
 
     def show(name: str, done: int, total: int | None, words: str) -> None:
-        """Show the bar of the task `name` and hide those of other tasks.
+        """Show a bar for the task `name`, and hide those of earlier tasks, at its first call; update its bar later.
 
-        `done` of `total` steps are finished (`total` None if unknown); `words` are the text of the bar.
+        `done` of `total` steps are finished (`total` None if unknown); `words` are the text of the bar. An earlier task
+        that is named again stays hidden.
         """
         if name not in tasks:
             for task in tasks.values():

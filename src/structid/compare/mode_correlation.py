@@ -510,8 +510,9 @@ def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
 def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
     """A sentence on the sensor whose reversed sign raises the mean MAC most, in a list.
 
-    Empty unless it rises by 0.05 or more. Empty as well for fewer than two modes or three sensors, and where the mean
-    MAC stays below the least MAC of a pair.
+    The mean is over the measured modes, each with one mode of the model near in frequency at most. The list is empty
+    unless it rises by 0.05 or more, and to the least MAC of a pair; empty as well for fewer than two modes or three
+    sensors.
     """
     use = np.flatnonzero(correlation.pairing.nearness.any(axis=0))
     if correlation.measured.n_modes < 2 or len(correlation.shapes) < 3 or not len(use):

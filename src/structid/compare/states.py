@@ -286,10 +286,10 @@ def _source(path: Path, progress: StageProgress | None) -> _StudySource | State:
 
 
 def _on_one_mesh(sources: Sequence[_StudySource | State], known: Sequence[State] = ()) -> tuple[State, ...]:
-    """The states of `sources`, run again until their beams have as many pieces, where that may be chosen.
+    """The states of `sources`, in order, with as many pieces of each beam as the finest, where that may be chosen.
 
-    What the mesh changes is then the same in all of them. `known` are states of the first sources that were run before;
-    sources that are states are not run again.
+    Studies are run again for that, so that what the mesh changes is the same in all states. `known` are states of the
+    first sources that were run before; sources that are states are not run again.
     """
     others = [source if isinstance(source, State) else source.run(1) for source in sources[len(known) :]]
     states, is_alike = [*known, *others], False
@@ -631,7 +631,7 @@ def stored_state(folder: Path) -> State:
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]], int]:
-    """The estimate stored in estimate.h5, names of its channels under ``outputs`` and ``inputs``, and pieces of each beam.
+    """The estimate stored in estimate.h5, channel names under ``outputs`` and ``inputs``, and pieces of each beam.
 
     `basis` is "noise" or "model_error" and chooses the covariance, to which that of fixed values is added.
 
@@ -639,6 +639,8 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     ------
     FileError
         If the file does not say into how many pieces beams were cut.
+    KeyError
+        If an array is missing.
     ValueError
         If arrays differ in their number of parameters.
     """

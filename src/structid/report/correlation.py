@@ -348,9 +348,10 @@ def correlation_page(correlation: StudyCorrelation) -> Page:
 
 
 def mac_figure(correlations: Sequence[ModesCorrelation], model_names: Sequence[str]) -> plot.Figure:
-    """Matrix figure of the MAC between measured and model modes, one panel for each model, with pairs framed.
+    """Matrix figure of the MAC between measured modes (rows) and model modes, a panel for each model, pairs framed.
 
-    `correlations` holds one correlation for each model, `model_names` the models' names, `ALONE` or `BEFORE_AND_AFTER`.
+    Columns are the model modes in or near the measured range, all if there are none. `correlations` holds one
+    correlation for each model, `model_names` the models' names, `ALONE` or `BEFORE_AND_AFTER`.
     """
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     panels, largest = [], 1
@@ -489,8 +490,9 @@ def _bars(
 ) -> plot.Panel:
     """Bar chart panel with a group of bars for each of `names`, one bar for each model.
 
-    `values` holds one array (n_names,) for each model, `model_names` the models' names; `label` is that of the axis.
-    NaN has no bar. `title` stands above the panel. `y` is the axis of values; without limits it holds all of them.
+    `values` holds one array (n_names,) for each model, `model_names` the models' names; `label` is that of the
+    horizontal axis. NaN has no bar. `title` stands above the panel. `y` is the axis of values; without limits it begins
+    at 0.
     """
     positions, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count

@@ -248,9 +248,9 @@ def _status_warning(identification: Identification) -> str:
 def verdict_words(view: ResultsView) -> dict[str, object]:
     """Template values, by key, for the verdict, its reasons, possible causes, suggested studies and fixed values.
 
-    The table of changes is under ``causes`` if the diagnosis has causes, else under ``lowering``; None if there are
-    none. Fixed values are listed if 1 % of them moves a parameter by 0.1 standard deviations. `view` has diagnosis,
-    headline and advice.
+    The table of changes is under ``causes`` if the diagnosis has causes, else under ``lowering``; the other one is
+    None, and both are without changes. Fixed values are listed if 1 % of them moves a parameter by 0.1 standard
+    deviations. `view` has diagnosis, headline and advice.
     """
     diagnosis = view.diagnosis
     causes = diagnosis.named

@@ -390,7 +390,11 @@ def _type_words(element: ElementSet) -> str:
 
 
 def modal_table(fit: ModalFit) -> Table:
-    """Table with a row for each measured mode of a record and its pair in the initial and the fitted model."""
+    """Table with a row for each measured mode of a record and its pair in the initial and the fitted model.
+
+    Columns are frequencies (Hz) and their differences (%, and in standard deviations), MAC, number of the model's mode
+    (from 1), damping ratios (%), and the size of a group of close modes with its largest angle.
+    """
     problem = fit.problem
     header = (
         "Mode", "Measured ± std (Hz)", "Initial model (Hz)", "Difference", "Fitted model (Hz)", "Difference",

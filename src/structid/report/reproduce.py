@@ -202,9 +202,10 @@ class _Digits:
 
     @classmethod
     def of(cls, printed: FloatArray) -> _Digits:
-        """Number format for a table column: the most decimals and most significant digits among its `printed` values, (n,).
+        """Number format of a table column: the most decimals and significant digits among its `printed` values, (n,).
 
-        Values that are not finite are ignored; at least one must be finite.
+        Decimals are fixed if there are at most 7 of them and all values are below 1e7. Values that are not finite are
+        ignored; at least one must be finite.
         """
         given = [float(value) for value in printed[np.isfinite(printed)]]
         digits = [np.format_float_positional(value, unique=True, trim="-") for value in given]

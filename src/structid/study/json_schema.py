@@ -60,10 +60,10 @@ def _text(schema: Schema) -> str:
 
 
 def _with_references(schema: Schema, names: Mapping[str, str], parts: dict[str, Schema]) -> Schema:
-    """The schema `schema` with a reference in place of each part that has a name.
+    """The schema `schema` with a reference in place of each part that has a name, beside its description and default.
 
-    These parts are added to `parts` by name. `names` maps the JSON text of a part, without its description and default,
-    to the name of the part.
+    `names` maps the JSON text of a part, without its description and default, to the name of the part. The parts that
+    references stand for are added to `parts` by name.
     """
     annotations: Schema = {}
     bare: Schema = {**schema}

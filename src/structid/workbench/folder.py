@@ -360,12 +360,12 @@ def typed_folder(text: str) -> Path:
 
 
 def upload_name(name: str) -> str:
-    """Safe file name for an uploaded file: no folders, other signs replaced by "_", at most 120 characters.
+    """Safe file name for an uploaded file: no folders, other signs replaced by "_", cut after 120 characters.
 
     Raises
     ------
     InputError
-        If nothing is left, or a study reads no files of this suffix.
+        If nothing is left, or a study reads no files of the suffix, also where it stood behind the 120 characters.
     """
     clean = re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" .")[:120]
     suffix = Path(clean).suffix.lower()

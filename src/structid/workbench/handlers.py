@@ -247,7 +247,10 @@ async def _edit(bench: Workbench, request: Request) -> Response:
     body = await request.json()
 
     def saved() -> Response:
-        """Response with the edited and saved study; raises `ChangedError` if the file was changed since the page read it."""
+        """Response with the edited and saved study that the request's body names, applying the body's ``edits``.
+
+        Raises `ChangedError` if the file was changed since the page read it, by the body's ``digest``.
+        """
         text, mark = bench.opened.text(body["study"])
         if mark != body["digest"]:
             raise ChangedError(f"{body['study']}: was changed by another page or program; what it says now is shown")
@@ -368,11 +371,11 @@ def _later(work: Any) -> None:
 
 
 async def _upload(bench: Workbench, request: Request) -> Response:
-    """Store the body of the request as a file in the open folder, and answer with its ``path``.
+    """Store the body of the request as a file at the top of the open folder, and answer with its ``path``.
 
-    The query has ``name``, and ``replace=yes`` if the file may exist. Raises `InputError` if it is empty, is larger
-    than 4 GB, arrives already, or exists and is not to be replaced, `FileError` if it does not arrive whole; nothing is
-    kept then.
+    The query has ``name``, and ``replace=yes`` if the file may exist. Raises `InputError` if the body is empty or
+    larger than 4 GB, or a file of this name arrives already, or exists and is not to be replaced; `FileError` if it
+    does not arrive whole. Nothing is kept then.
     """
     name = upload_name(request.query_params["name"])
     path, is_replaced = bench.opened.inside(name), request.query_params.get("replace") == "yes"
@@ -587,7 +590,7 @@ def _of_results(name: str) -> Handler:
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
-    """Answer with the HTML report ``name`` of the path in the open folder; status 404 for any other file."""
+    """Answer with the HTML report at the path ``name`` in the open folder; status 404 for any other file."""
     path = bench.opened.inside(request.path_params["name"])
     if path.suffix != ".html" or not path.is_file():
         return PlainTextResponse("There is no such page.", 404)
@@ -609,7 +612,8 @@ async def _download(bench: Workbench, request: Request) -> Response:
 async def _export(bench: Workbench, request: Request) -> Response:
     """Answer with the folder ``results`` of the query as a ZIP archive of at most 2000 files.
 
-    The archive is deleted from the server afterwards. `FileError` if the folder has no results.
+    Links and hidden files are left out. The archive is deleted from the server afterwards. `FileError` if the folder
+    has no results.
     """
     folder = bench.opened.inside(request.query_params["results"])
     if not (folder / "estimate.json").is_file():

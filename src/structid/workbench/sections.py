@@ -73,9 +73,9 @@ def tube(diameter: float, wall: float) -> CrossSection:
 
 
 def box(height: float, width: float, wall: float) -> CrossSection:
-    """Section properties of a rectangular tube with sharp corners; torsion constant by Bredt's formula for thin walls.
+    """Area (m^2), second moments and torsion constant (m^4) of a thin rectangular tube with sharp corners.
 
-    Outer `height` and `width` and `wall` thickness in m.
+    Outer `height` and `width` and `wall` thickness are in m. The torsion constant is that of Bredt's formula.
 
     Raises
     ------
@@ -91,9 +91,10 @@ def box(height: float, width: float, wall: float) -> CrossSection:
 
 
 def rolled_i(height: float, width: float, web: float, flange: float, fillet: float) -> CrossSection:
-    """Section properties of a rolled I or H profile with parallel flanges and round fillets.
+    """Area (m^2), second moments and torsion constant (m^4) of a rolled I or H profile with round fillets.
 
-    `web` and `flange` are thicknesses, `fillet` is the radius; all in m. `height` and `width` are the outer sides.
+    Flanges are parallel; `web` and `flange` are thicknesses, `fillet` is the radius, `height` and `width` are the outer
+    sides, all in m.
     """
     corner = (1 - math.pi / 4) * fillet**2
     offset = fillet * (10 - 3 * math.pi) / (12 - 3 * math.pi)  # of its centroid from the corner
@@ -151,9 +152,10 @@ def presets() -> dict[str, Any]:
 
 
 def cross_section(shape: str, sizes: Mapping[str, float]) -> CrossSection:
-    """Section properties of the cross-section `shape`, a key of `SHAPES` or `PROFILES`.
+    """Area (m^2), second moments of area and torsion constant (m^4) of the cross-section called `shape`.
 
-    `sizes` are the dimensions of a shape by name, in mm; they are ignored for rolled profiles.
+    It is a key of `SHAPES` or `PROFILES`. `sizes` are the dimensions of a shape by name, in mm; they are ignored for
+    rolled profiles.
 
     Raises
     ------

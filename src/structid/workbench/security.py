@@ -133,8 +133,8 @@ class Guard:
 def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
     """HTTP status and message for a request that is refused; None if it is admitted.
 
-    It must come from this machine, name it and `port` as the host, not be sent by a page of another site, and use a known
-    method.
+    It must come from this machine, name it and `port` as the host, and not be sent by a page of another site (else
+    403), and use a known method (else 405).
     """
     hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
     headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
@@ -172,7 +172,11 @@ def _limit_body(receive: Receive, most: int) -> Receive:
     taken, is_whole = 0, False
 
     async def counted() -> Message:
-        """Next ASGI message of the request, or a disconnect after too many bytes or too long a wait."""
+        """Next ASGI message of the request, or a disconnect after too many bytes or too long a wait.
+
+        That is after more than `most` bytes of body, or 30 s without a part of it; behind the body the wait is not
+        limited.
+        """
         nonlocal taken, is_whole
         try:
             async with asyncio.timeout(
@@ -189,10 +193,13 @@ def _limit_body(receive: Receive, most: int) -> Receive:
 
 
 def _with_policy(send: Send, policy: str) -> Send:
-    """ASGI send function that adds the content security policy `policy` and other security headers to each response."""
+    """ASGI send function that adds the content security policy `policy` and other security headers to each response.
+
+    Responses that say nothing of caching are marked not to be stored. `send` is the function that ASGI gives.
+    """
 
     async def sent(message: Message) -> None:
-        """Send an ASGI message; the first message of a response gets the security headers."""
+        """Send an ASGI message; the first message of a response gets `policy` and further security headers."""
         if message["type"] == "http.response.start":
             headers = {"content-security-policy": policy, **_ALWAYS}
             present = {name.lower() for name, _ in message.get("headers", [])}

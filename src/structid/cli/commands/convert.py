@@ -140,9 +140,9 @@ def _words(kind: str) -> str:
 def _contents_of(source: Path, target: Path) -> str:
     """Kind of data in `source`: "record", "matrices" or "modes", by its suffix and content.
 
-    Modes are JSON files and those whose content is modes; matrices are suffixes of matrices alone and punch files.
-    NPZ, NPY and MAT files hold matrices if the suffix of `target` is one of these, an NPZ file also by its members.
-    What nothing else says is a record.
+    Modes are JSON files and those whose content is modes; matrices are files with a suffix of matrices alone, and punch
+    files. NPZ, NPY and MAT files hold matrices if `target` has such a suffix, an NPZ file also by its members. What
+    nothing else says is a record.
     """
     suffix = source.suffix.lower()
     if suffix in JSON_SUFFIXES or holds_modes(source):

@@ -134,9 +134,9 @@ def identify(
     is_answered = False
 
     def write(answer: StudyResult, fits: Sequence[FittedModel]) -> str:
-        """Write results, and a study file for each of `fits`, into the results folder.
+        """Write results, and a study file for each of `fits`, into the results folder of the command.
 
-        Return the name of the file to read first.
+        Return the name of the file to read first: the report, or estimate.json without one.
         """
         with staged_folder(folder) as staged:
             page = _write(answer, staged, report, png)

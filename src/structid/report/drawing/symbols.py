@@ -64,7 +64,8 @@ def _placed(local: ArrayLike, start: FloatArray, along: FloatArray) -> FloatArra
 def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
     """Path (n, 2) of the symbol of a spring, dashpot or friction contact from `start` to `end`, both (2,).
 
-    `kind` is "spring", "dashpot" or "friction"; `height` is half the symbol's height; NaN rows lift the pen.
+    `kind` is "spring", "dashpot" or "friction"; `height` is half the height of the symbol across its axis; NaN rows
+    lift the pen.
     """
     length = float(np.hypot(*(end - start)))
     size = min((6 if kind == "spring" else 4) * height, 0.6 * length)

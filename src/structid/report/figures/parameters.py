@@ -212,12 +212,12 @@ class ModeRows:
 
 
 def mode_rows(fit: Identification | RecordFit) -> ModeRows:
-    """Frequencies (Hz), damping ratios and MAC of the modes of the identified model and their like in the initial one.
+    """Frequencies (Hz), damping ratios and MAC of modes of the identified model and of their like in the initial one.
 
-    Pairs have the largest sum of MACs, so that modes which change their order stay together; modes of one number are
-    paired unless others are clearly more alike. Rigid body modes, whose shapes may turn into each other, are paired by
-    number. As many modes count as both models have. The MAC is of shapes at the degrees of freedom of the model, NaN for a
-    shape of zeros.
+    Rows follow the identified modes, as many as both models have; the number of the initial mode counts from 1. Pairs
+    have the largest sum of MACs, so that modes which change their order stay together; modes of one number are paired
+    unless others are clearly more alike, rigid body modes always. The MAC is of shapes at the model's degrees of
+    freedom, NaN for a shape of zeros.
     """
     before, after = fit.modes_initial, fit.modes
     n = min(len(before.frequency), len(after.frequency))

@@ -239,9 +239,10 @@ def residual_map_figure(fit: RecordFit) -> plot.Figure:
 
 
 def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (n_lines,) in Hz, and magnitude of the whitened residual (n_lines, n_channels); NaN at unused lines.
+    """Frequencies (n_lines,) in Hz of all measured lines, and size of the whitened residual (n_lines, n_channels).
 
-    The values are about 1 if the model fits to within the noise.
+    The size is the root mean square of the residual's real and imaginary part, about 1 if the model fits to within the
+    noise; NaN at lines that the fit does not use. Channels are in the order of outputs, and for each output of inputs.
     """
     frequency, used = fit.measured.frequency, fit.problem.record.frequency
     residual = fit.problem.residual(fit.theta)[: fit.problem.n_data].reshape(2, len(used), -1)

@@ -160,8 +160,9 @@ def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, Floa
 def _spectrum_limits(result: ModesResult) -> plot.Limits:
     """Limits (low, high) of the logarithmic axis for the first three singular values in the range shown first.
 
-    They hold all positive values down to 1e-9 of the largest; lines below a quarter of the first frequency do not
-    count, as drift may be large there. (0.1, 10) without positive values.
+    They hold all positive values down to 1e-9 of the largest, with room at both ends. Where the range begins at 0 Hz,
+    lines below a quarter of the first mode's frequency do not count, as drift may be large there. (0.1, 10) without
+    positive values.
     """
     low, high = _view(result)
     if low == 0 and result.modes.n_modes:  # drift stands above every mode, and would set the scale

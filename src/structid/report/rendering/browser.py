@@ -133,7 +133,7 @@ def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
 def _domains(panel: Panel, height: float) -> list[list[float]]:
     """Lower and upper end of every strip of a panel, from the top down, as fractions of the plot height.
 
-    `height` is that of the figure in pixels; gaps are left between strips.
+    Strips are as high as their weights say, with gaps between them; `height` is that of the figure in pixels.
     """
     shares = np.array([strip.weight for strip in panel.strips])
     tops = 1.0 - np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum()

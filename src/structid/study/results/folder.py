@@ -232,11 +232,11 @@ def _tolerances(estimate: Estimate) -> dict[str, StoredEntry]:
 
 
 def _alternatives(sets: Alternatives | None) -> dict[str, StoredEntry]:
-    """Dictionary with the entry ``alternatives``: sets of parameter values that fit the data equally well.
+    """Dictionary with the entry ``alternatives``: sets of parameter values that fit the data equally well, and texts.
 
     It is empty for `sets` None. Each set has its values by parameter name, the sum of squares, and the number of
-    searches that ended there. ``deciding`` is the measurement that would decide between the sets; None if none is
-    known.
+    searches that ended there; ``exhaustive`` says if all sets were found. ``deciding`` is the measurement that would
+    decide between the sets; None if none is known.
     """
     if sets is None:
         return {}
@@ -270,8 +270,9 @@ def reduction_summary(identification: Identification) -> dict[str, StoredEntry]:
 def varied_summary(identification: Identification) -> dict[str, StoredEntry]:
     """Dictionary with the entry ``varied``: parameters that vary between records, with their scatter; {} if none do.
 
-    Each has the value in each record with its standard deviation, 95 % interval, deviation, p-value and whether it is
-    an outlier.
+    Each has name, rule, scatter with its 95 % interval and, under ``records``, for each record the value there with its
+    standard deviation, 95 % interval, deviation from the common value (in scatters), p-value and whether it is an
+    outlier.
     """
     if not identification.priors.varied:
         return {}

@@ -414,7 +414,7 @@ def _alternative(cause: Cause) -> str:
 def _parameters(identification: Identification) -> tuple[ParameterResult, ...]:
     """Result of each parameter, in the order of the estimate.
 
-    Without a covariance matrix only of the 50 that changed most.
+    Without a covariance matrix only the 50 parameters that changed most have one, the largest change first.
     """
     estimate = identification.estimate
     n_params = len(estimate.names)

@@ -128,10 +128,11 @@ def checked_record(
 
 
 def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceCheck, ...]:
-    """Each measured resonance (Hz) with the model's, the MAC, and how far the model is above, in its half-bandwidths.
+    """Each measured resonance (Hz) with the model's, their MAC, and how far the model's lies above it.
 
-    Where the comparison has no model resonance, the nearest free mode within 10 % of the measured frequency is taken.
-    Frequency and distance are NaN where there is none; the distance also for a mode without positive damping.
+    The distance is a multiple of half the half-power bandwidth of the model's mode. Where the comparison has no model
+    resonance, the nearest unpaired mode within 10 % of the measured frequency is taken. Frequency and distance are NaN
+    where there is none; the distance also for a mode without positive damping.
     """
     free = np.ones(len(modes.frequency), dtype=bool)
     for pair in comparison.resonances:

@@ -161,7 +161,8 @@ class Offer:
 def list_offers(model: IdentifiedModel, study: Study) -> tuple[Offer, ...]:
     """Every kind of file that `structid export` writes, with its suffixes and why this model cannot give it.
 
-    The reason is a text, "" if the model can. The deck has the suffix of the study's own.
+    In this order: mode shapes, mesh, matrices, deck, state equations. The reason is a text, "" if the model can. The
+    deck has the suffix of the study's own; without such a deck it has none.
     """
     obstacle = deck_obstacle = ""
     try:

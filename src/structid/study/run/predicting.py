@@ -464,7 +464,8 @@ def _noise_history(
 def _noise_parts(structure: Structure, options: PredictOptions) -> tuple[Path, tuple[FloatArray, FloatArray], Input]:
     """Path of a noise table, its (frequencies, densities), and the driven input, by the option `noise`: ``table@dof``.
 
-    Frequencies are in Hz; both are (n_frequencies,). `InputError` if the option has no table or no degree of freedom.
+    Frequencies are in Hz, densities one-sided in N^2/Hz, or (m/s^2)^2/Hz where the input moves supports; both are
+    (n_frequencies,). `InputError` if the option has no table or no degree of freedom, or the table cannot be read.
     """
     text, at, name = options.noise.rpartition("@")
     if not at or not text:
@@ -598,9 +599,10 @@ def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, StoredEntry]:
 
 
 def prediction_csv(prediction: Prediction | PredictedChange) -> str:
-    """CSV text of one predicted quantity: its axis (Hz or s), then value and ends of the band of every channel.
+    """CSV text of one predicted quantity, a row for each frequency or time: the axis (Hz or s), then the channels.
 
-    FRFs have real part, imaginary part and magnitude as values. With changes, the columns come once before and once after them.
+    These are the value and the ends of its 95 % band (low, high); FRFs have real part, imaginary part and magnitude as
+    values. With changes of the structure, all columns come for before, after and the difference.
     """
     parts = parts_of(prediction)
     first = next(iter(parts.values()))

@@ -329,9 +329,9 @@ def led_near(ready: PreparedStudy, work: TaskExecutor) -> PreparedStudy:
 
 
 def _with_step(ready: PreparedStudy, step: float | None, work: TaskExecutor) -> Study:
-    """The study evaluated again about its present start values, with another relative `step` of the finite differences.
+    """The study with its finite differences taken again about the same deck parameters, with another relative `step`.
 
-    None takes the step of the study file.
+    Its searches start at the present start values. None takes the step of the study file.
     """
     solved = ready.study.solved
     assert solved is not None

@@ -125,12 +125,12 @@ def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple
 
 
 def pieces_for_band(ready: PreparedStudy, mesh: MeshErrors | str) -> tuple[int, MeshErrors | str]:
-    """Number of pieces of each beam and bar with which the modes in the band of the first record are right, and their mesh.
+    """Number of pieces of each beam and bar with which the modes in the first record's band are right, and their mesh.
 
     `mesh` has the errors of that set-up's modes, or says why it was not judged; what is returned is the same with the
-    number of pieces. The number is 1 where the mesh is fine
-    enough or was not judged, where the study states the number, and beside cells, which are not divided. It is less than
-    the modes ask for where an identification would not take so many pieces.
+    number of pieces. The number is 1 where the mesh is fine enough or was not judged, where the study states the
+    number, and beside cells, which are not divided. It is less than the modes ask for where an identification would not
+    take so many.
     """
     setup, structures = ready.setups[0], [made.structure for made in ready.setups]
     is_mixed = any(element.cells for structure in structures for element in structure.elements)

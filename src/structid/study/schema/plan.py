@@ -213,11 +213,11 @@ def _candidate_lines(
     record: FrfRecord | None,
     method: IdentifyOptions,
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Candidate frequencies in Hz and notes: those of the plan, those of the record, or spread over a band.
+    """Candidate frequencies in Hz and notes: those of the plan, else those of the record, else spread over a band.
 
-    The band is that of the plan, of ``[method]``, of the record, or else reaches over the modes of the model; 400 lines
-    by default. The keys that are used here are removed from `values`. `record` is None if the plan has none to take
-    lines from.
+    Those of the record are taken unless the plan gives a band or a number of lines. The band is that of the plan, of
+    ``[method]``, of the record, or else reaches over the modes of the model; 400 lines by default. The keys used here
+    are removed from `values`. `record` is None if there is none. `StudyError` if the plan gives lines in two ways.
     """
     band, spacing = values.pop("band", None), values.pop("spacing", "linear")
     axis, count = values.pop("frequency", None), values.pop("n_lines", None)
@@ -254,9 +254,10 @@ def _noise_levels(
 ) -> tuple[float, float, tuple[str, ...]]:
     """Relative noise, absolute noise (in the unit of the FRFs) and notes on where they come from.
 
-    They are stated in the plan, else declared for the record, else the record's median, else 1 %. `model_error`
-    (relative) is added to the relative noise as a sum of squares, and stands alone where no noise is given. `record` is
-    None if the plan has none.
+    They are stated in the plan, else declared for the record, else the record's median, else 1 %. If the plan states
+    none and the record has variances, a noise floor that these miss is added to the absolute noise. `model_error`
+    (relative) is added to the relative noise, as squares, and stands alone where no noise is given. `record` may be
+    None.
     """
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE

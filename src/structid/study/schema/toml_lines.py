@@ -128,7 +128,7 @@ def _note_key_lines(tokens: TomlTokens, lines: dict[KeyPath, int], path: KeyPath
     """Note where ``key = value`` under `path` begins (index in the text) in `lines`, and remove it from `tokens`.
 
     `tokens` are words with their indices, the next one last. Entries of a list or table in the value are noted too;
-    paths that `lines` has already are kept.
+    keys and tables that `lines` has already keep their index.
     """
     parts, line = read_key(tokens, "=")
     for part in parts:

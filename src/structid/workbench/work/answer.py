@@ -170,9 +170,9 @@ def fitted_responses(folder: Path) -> dict[str, StoredEntry]:
 def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, StoredEntry]:
     """FRF magnitudes of a model at its start values, at the lines of its record, thinned to 4000 lines at most.
 
-    ``frequency`` (Hz), and ``channels`` with ``name`` and ``magnitude``, packed. Histories count as averaged FRFs if
-    the set-up gives any. If the record has no FRFs or the responses are not finite, ``channels`` is empty, and there is
-    no ``frequency``. `options` say how they are averaged.
+    ``frequency`` (Hz), and ``channels``, for each output and then each input, with ``name`` and ``magnitude``, packed.
+    Histories count as averaged FRFs if the set-up gives any. If the record has no FRFs or the responses are not finite,
+    ``channels`` is empty, and there is no ``frequency``. `options` say how they are averaged.
     """
     problem = setup.shown_problem(options, problem.channels) or problem
     if not isinstance(problem, FrfProblem):

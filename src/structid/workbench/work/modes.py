@@ -124,7 +124,11 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
 
 
 def _write_modes(result: ModesResult, folder: Path) -> dict[str, StoredEntry]:
-    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the page, see `_modes`."""
+    """Write modes and their report into `folder`, replacing earlier ones, and return the modes for the page.
+
+    These are frequencies (Hz), damping ratios, standard deviations, shapes, MAC between the modes, channels and
+    warnings.
+    """
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(result, staged)
         modes_page(result).write(staged)

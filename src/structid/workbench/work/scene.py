@@ -309,8 +309,8 @@ def _describe_set(element: ElementSet, structure: Structure, rows: Any) -> dict[
     """Drawing data of one element set: name, type, element count, and the range of each property in its SI unit.
 
     Geometry is added under ``connectors``, ``triangles`` (with ``edges`` and ``owners``), ``marks`` (with ``weights``,
-    masses of point masses or ones) or ``lines``, depending on the type. `rows` is a function that turns node labels
-    into rows of the drawn nodes.
+    masses in kg of point masses or ones) or ``lines``, depending on the type; at most 4000 connectors. `rows` is a
+    function that turns node labels into rows of the drawn nodes.
     """
     properties: list[dict[str, StoredEntry]] = [
         {
@@ -406,8 +406,9 @@ def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Store
 def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, StoredEntry]]:
     """Each channel of a record with its node and direction on the structure, in the order of `channels`.
 
-    `channels` are pairs of name and role, "sensor" or "load". ``node`` is None if the structure has no such node; ``direction``
-    is a vector of three; ``declared`` is True if the study gives the channel's position itself.
+    `channels` are pairs of name and role, "sensor" or "load". ``node`` is a node label, None if the structure has no
+    such node; ``direction`` is a unit vector of three with the channel's sign; ``rotation`` is True for a rotation or
+    moment, and ``declared`` if the study gives the channel's position itself.
     """
     structure = model.structure
     aimed = {tie.channel: tie for tie in structure.ties if isinstance(tie, AimedSensor)}

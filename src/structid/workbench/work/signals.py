@@ -189,8 +189,8 @@ def _read_bins(record: ChunkedRecord, begin: int, end: int, n_most: int) -> tupl
 def _overview_bins(overview: FloatArray, begin: int, end: int, n_most: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Minimum and maximum (n_channels, n_bins) from a stored overview, and the first sample of each bin.
 
-    `overview` (2, n_channels, n) holds minimum and maximum of every 256 samples; samples `begin` to `end` (exclusive)
-    are covered by at most `n_most` bins, each a whole number of these.
+    `overview` (2, n_channels, n) holds minimum and maximum of every 256 samples. Samples `begin` to `end` (exclusive)
+    are covered by at most `n_most` bins, each a whole number of these, so that the first may start before `begin`.
     """
     first, last = begin // BIN, -(-end // BIN)
     part = overview[:, :, first:last]
@@ -248,10 +248,11 @@ def write_overview(path: Path, options: ReadOptions, overviews: Path) -> None:
 
 
 def responses(record: FrfRecord, outputs: list[str]) -> dict[str, StoredEntry]:
-    """FRFs at `outputs` (names; all if empty) and every input: magnitude, phase (degrees), coherence and relative random error.
+    """FRFs at `outputs` (names; all if empty) and every input: magnitude, phase (degrees), coherence, relative error.
 
-    ``pairs`` hold packed arrays over ``frequency`` (Hz), one for each output and input; coherence and error are None if
-    unknown. Every ``thinned``-th line is kept, so that at most about 1.5 million values are sent.
+    ``pairs`` hold packed arrays over ``frequency`` (Hz), one for each output and then each input. The error is the
+    random one, the standard deviation of the magnitude over the magnitude; coherence and error are None if unknown.
+    Every ``thinned``-th line is kept, so that at most about 1.5 million values are sent.
     """
     wanted = [k for k, dof in enumerate(record.outputs) if not outputs or str(dof) in outputs]
     step = max(1, -(-len(record.frequency) * len(wanted) * len(record.inputs) // _MOST_VALUES))

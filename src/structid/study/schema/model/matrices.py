@@ -412,10 +412,10 @@ def read_measured(entry: Section, files: InputFiles, dofs_of_set: Callable[[str]
 
 
 def _make_component(entry: Section, name: str, record: FrfRecord, named: list[Dof]) -> MeasuredComponent:
-    """The component called `name` from an FRF record, at the degrees of freedom `named` or, if empty, at all its sensors.
+    """The component called `name` from an FRF record, at the degrees of freedom `named`; at all its sensors if empty.
 
-    Its FRFs are receptances along the positive directions, at frequencies above 0. `entry` is the table of the component, at which
-    `StudyError` points if a channel is missing.
+    Its FRFs, (n_frequencies, n_interface, n_interface), are receptances along the positive directions, at frequencies
+    above 0. `entry` is the table of the component, at which `StudyError` points if a channel is missing.
     """
     interface = tuple(dict.fromkeys(dof.unsigned for dof in named or record.outputs))
     with entry.located("interface" if named else "path"):

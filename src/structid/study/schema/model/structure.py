@@ -564,7 +564,7 @@ def _ties(section: Section, nodes: Positions) -> Ties:
 
 
 def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
-    """The rigid link of one ``[[structure.rigid_link]]`` table, after a check that its nodes exist."""
+    """The rigid link of one ``[[structure.rigid_link]]`` table; `StudyError` if one of its nodes is not in `nodes`."""
     values = entry.values(_RIGID_LINK)
     for key in ("main", "dependents"):
         for node in flat(values[key]):
@@ -581,7 +581,7 @@ def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
 def _read_constraint(entry: Section, nodes: Positions) -> Tie:
     """The multi-point constraint of one entry: a dependent degree of freedom as a sum of others times factors.
 
-    `StudyError` if a node does not exist.
+    `StudyError` if a node is not in `nodes`.
     """
     values = entry.values(_CONSTRAINT)
     dependent = _known_dof(entry, "dependent", values["dependent"], nodes)

@@ -150,7 +150,8 @@ def is_load(name: str) -> bool:
 def channel_names(structure: Structure) -> dict[str, str]:
     """Places in the structure of the channels of ``[record.sensors]``, such as "7X", by their names in the record.
 
-    Their sense stays: a channel `3X-` of the record reads against the direction that is declared.
+    Names are those along positive directions; those of loads begin with "load ". The sense of a channel stays: `3X-` of
+    the record reads against the direction that is declared.
     """
     names = {}
     for sensor in (tie for tie in structure.ties if isinstance(tie, AimedSensor)):
