@@ -532,7 +532,10 @@ def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, .
 
 
 def _require_same_declaration(unknowns: JointUnknowns, number: int) -> None:
-    """Raise `InputError` if problem `number` (from 0) declares a shared unknown with another unit, transform or bounds."""
+    """Raise `InputError` if problem `number` (from 0) declares an unknown otherwise than the first problem that has it.
+
+    Units must be equal, and physical value and slope at the common start, which bounds and transform decide.
+    """
     start, part = unknowns.theta_start, unknowns.parts[number]
     index, names = unknowns.columns[number], unknowns.labels[number]
     for name, unit, column in zip(names, part.units, index, strict=True):

@@ -336,10 +336,10 @@ def _sets_by_variance_proportions(condition: FloatArray, proportions: FloatArray
 
 
 def _group(members: list[int], correlation: FloatArray, directions: _Directions, noise_scale: float) -> CollinearGroup:
-    """Collinear group of the parameters with indices `members`, with its standard deviations and a sentence.
+    """Collinear group of the parameters with indices `members`, with relative standard deviations and a sentence.
 
-    All other parameters count as unknown too. `correlation` (n_params, n_params) is the matrix of all parameters,
-    `directions` holds their names, Jacobian and singular directions, and `noise_scale` multiplies the noise.
+    Parameters that are no members count as unknown too. `correlation` (n_params, n_params) is that of all parameters,
+    `directions` holds their names, relative Jacobian and singular directions, and `noise_scale` multiplies the noise.
     """
     others = [i for i in range(len(directions.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(directions.jacobian[:, others + members], mode="r"))
@@ -434,8 +434,8 @@ class Bound:
 def bound_at(problem: Problem, theta: FloatArray, point_name: str) -> Bound:
     """Cramer-Rao bound of the parameters' standard deviations, physical units, if the truth were `theta` (n_params,).
 
-    NaN for undetermined parameters, and for all if the model cannot be evaluated there. `point_name` is what sentences call the
-    point, such as "the initial values".
+    Noise is as whitened, and prior rows count as data. NaN for undetermined parameters, and for all if the model cannot
+    be evaluated there. `point_name` is what sentences call the point, such as "the initial values".
     """
     values, slope = problem.physical(theta), problem.slope(theta)
     try:

@@ -105,7 +105,7 @@ class Bootstrap:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Warnings on the bootstrap replicates; empty if there are none."""
+        """Warnings that bootstrap replicates failed, and that no interval is given; empty if neither is the case."""
         said = []
         if self.failures:
             said.append(
@@ -199,10 +199,10 @@ def _refit_replicate(
 ) -> FloatArray | str:
     """Physical values (n_params,) of one bootstrap replicate, or a sentence on why its refit failed.
 
-    The replicate's residual at the estimate is replaced by drawn errors: standard normal ones ("noise"), or the data
-    rows there with random signs by blocks ("blocks"); prior rows are normal in both. `shared` holds problem, free
-    variables of the estimate, residual there and kind; `rng` draws, `tools` searches. A search that does not converge
-    has failed.
+    The replicate's residual at the estimate is replaced by drawn errors: standard normal ones ("noise"; larger for rows
+    of few averages), or the data rows there with random signs by blocks ("blocks"); prior rows are normal in both.
+    `shared` holds problem, free variables of the estimate, residual there and kind; `rng` draws, `tools` searches. A
+    search that does not converge has failed.
     """
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))

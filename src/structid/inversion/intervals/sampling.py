@@ -63,7 +63,10 @@ class Samples:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Reasons not to trust the posterior samples; empty if there are none."""
+        """Reasons not to trust the samples: chains that disagree, too few independent draws, divergent trajectories.
+
+        Empty if there are none.
+        """
         said = []
         worst = int(np.argmax(np.where(np.isfinite(self.r_hat), self.r_hat, np.inf)))
         if not self.r_hat[worst] <= _LARGEST_R_HAT:

@@ -272,9 +272,9 @@ def _update_by_reflections(r, q, rows):
 def _cholesky(g, q):
     """Replace the matrix of products `g` in place by its Cholesky factor and the inverse of it; returns a squared norm.
 
-    The upper part becomes the factor of the first `q` columns, the part below the diagonal its inverse, and the last
-    column the right-hand sides divided by the transposed triangle. The norm is that of the inverse with unit columns,
-    infinite where g is singular, and `g` then half changed.
+    The upper part becomes the factor of the first `q` columns, the part below the diagonal its transposed inverse, and
+    the last column the right-hand sides divided by the transposed triangle. The norm is that of the inverse with unit
+    columns, infinite where g is singular, and `g` then half changed.
     """
     sizes, weakness = np.zeros(q), 0.0
     for k in range(q):

@@ -308,7 +308,10 @@ def _wide_minima(
     n_made, n_ended, n_followed = 0, 0, 0
 
     def run(points: Sequence[FloatArray]) -> int:
-        """Search from each of `points` (n_params,), and return how many of the searches ended at minima that the data allow."""
+        """Number of searches from `points`, each (n_params,), that end at minima that the data allow.
+
+        Starts are clipped to the reach. Ends go to `minima`, new ones to `grouped`; `n_made` counts the searches.
+        """
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (path,)), items, progress, first=n_made)
