@@ -204,9 +204,7 @@ def _why_not_searched(model: TestedModel, identification: Identification, explai
     """Reason why causes are not looked for, as a clause; "" where they can be.
 
     Reasons are that the user wants none, a search without a Jacobian, a model without matrices, and records that name
-    no sensor.
-
-    `explain` is False where the user asks for no search, True or None otherwise.
+    no sensor. `explain` is False where the user asks for no search, True or None otherwise.
     """
     if explain is False:
         return NOT_TRIED

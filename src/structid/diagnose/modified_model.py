@@ -181,7 +181,10 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> FrfView:
     output_std, omega_std = shape_std[:, kept], 2 * np.pi * frequency_std[kept]
 
     def record(level: float) -> FrfRecord:
-        """FRFs of the modes, with variances, on lines whose decay is `level` times their angular frequency."""
+        """Receptances (m/N) of the modes, with variances, at the frequencies `lines` (Hz) with a decay.
+
+        The decay, 1/s, is `level` times the angular frequency of each line.
+        """
         decay = level * 2 * np.pi * lines
         s = (decay + 2j * np.pi * lines)[:, None]
         of_mode, undamped = (1 / (s**2 + 2 * s * one[kept] * omega + omega**2) for one in (likely, damping))

@@ -262,12 +262,12 @@ _Promises = dict[Hashable, tuple[float, Screened]]
 
 
 def screening_points(base: FittedModel) -> list[Point]:
-    """FRF problems at which candidates are screened, linearized at fitted values: on smoothed data, near the start, at the fit.
+    """FRF problems linearized at fitted values for the screening of candidates: smoothed data, near the start, the fit.
 
     The quick fits to data smoothed at three levels come first, each at its own answer, then the quick fit to the
     measured lines, and last `base`. Where a quick fit ends at its limit, the later ones are left out, and the measured
-    lines are taken at the last answer. For a large model nothing is fitted: there are two problems, at the start of the
-    parameters and at `base`.
+    lines are taken at the last answer. Records of modes have no smoothed data. For a large model nothing is fitted:
+    there are two problems, at the start of the parameters and at `base`.
     """
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs

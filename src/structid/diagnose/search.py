@@ -464,7 +464,10 @@ def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> 
     turning = [row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)]
 
     def is_first(candidate: Candidate) -> bool:
-        """True of supports that turn together at several nodes, or at the node of the first support in `rows`."""
+        """True of supports that turn together, at least one of them in `turning` (supports in `rows`, by name).
+
+        They must be at several nodes, or at the node of the first of `turning`.
+        """
         if not isinstance(candidate, Support) or not set(turning).intersection(candidate.where):
             return False
         nodes = {parse_dof(place).node for place in candidate.where}
@@ -532,9 +535,10 @@ def _fit_near_all(
 def _near_limits(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]]) -> tuple[float, ...]:
     """Sums of squares, one for each stage of a quick fit, above which a change cannot be among the finalists.
 
-    Limits are 4 times the least so far (plus the number of parameters), and for the last stage also 98 % of that
-    without a change and the eighth least. `fits` are the candidates fitted so far with their quick fits. Data that
-    `base` leaves out do not count. Empty if the quick fit of `base` failed: then there is no limit.
+    The limit of a stage is 4 times the sum of its least cost so far and the number of parameters; that of the last is
+    the least of this, 98 % of the cost without a change, and the eighth least cost (without changes that have a
+    reserved place). `fits` are the candidates fitted so far with their quick fits. Data that `base` leaves out do not
+    count. Empty if the quick fit of `base` failed: then there is no limit.
     """
     if base.near is None:
         return ()
@@ -547,8 +551,8 @@ def _near_limits(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]])
 def _far_behind(base: FittedModel, fits: Sequence[tuple[Candidate, StoredFit]]) -> FloatArray:
     """Sums of squares (n_stages,) above which a quick fit is far behind the best of `fits`, or that without a change.
 
-    They are 4 times the least of each stage plus the number of parameters. Fits that leave data out, and those of other
-    stages, do not count. `base` is the fit without a change, and must have a quick fit.
+    They are 4 times the sum of the least of each stage and the number of parameters. Fits that leave data out, and
+    those of other stages, do not count. `base` is the fit without a change, and must have a quick fit.
     """
     assert base.near is not None
     costs = [base.near.costs, *(fit["costs"] for candidate, fit in fits if not candidate.leaves_data_out)]

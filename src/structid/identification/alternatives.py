@@ -214,8 +214,8 @@ def _shape_candidate(dofs: Sequence[Dof], sets: Sequence[Modes], mode: int) -> t
     """Smallest gap between the sets in the ratio of two shape entries of a mode, and that ratio as a measurement.
 
     The gap is that of the angle of the pair of entries, in multiples of 0.1 rad; the pair with the largest gap is
-    taken, among at most 40 translations. `sets` are the modes for each set of values, `mode` counts from 0. None with
-    fewer than two translations, or if a shape is zero.
+    taken, among at most 40 translations. `sets` are the modes for each set of values, `dofs` the degrees of freedom of
+    their shapes, and `mode` counts from 0. None with fewer than two translations, or if a shape is zero.
     """
     moving = np.array([i for i, dof in enumerate(dofs) if not dof.is_rotation], dtype=int)
     if len(moving) < 2:

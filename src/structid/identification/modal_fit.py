@@ -74,9 +74,9 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
 
 
 def damping_ratios(state: ModelState) -> FloatArray:
-    """Damping ratios of the modes in `state`, (n_modes,), without coupling of modes by damping; NaN at 0 Hz.
+    """Damping ratios of the modes in `state`, (n_modes,), without coupling of modes by damping.
 
-    Viscous and structural damping are both included.
+    Viscous and structural damping are both included. At 0 Hz the ratio is NaN, or infinite if the mode has damping.
     """
     phi, omega = state.modes.mode_shapes, 2 * np.pi * state.modes.frequency
     with np.errstate(divide="ignore", invalid="ignore"):

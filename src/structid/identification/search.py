@@ -177,7 +177,7 @@ def _without_priors(
 ) -> Estimate | None:
     """Estimate from the data alone, searched from wide starts about `best`, with fixed values exact.
 
-    None if no parameter has a prior.
+    None if no parameter of `problems` has a prior. `search` has the numbers of starts and the seed, `method` minimizes.
     """
     if not any(problem.parameters.has_priors for problem in problems):
         return None
@@ -313,8 +313,9 @@ def reweighted(
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
     """Fit and problems after repeated fits with errors in proportion to predicted instead of measured values.
 
-    At most three repetitions, until nothing moves by more than 0.02 standard deviations; none if the misfit exceeds 4. `search`
-    repeats the fit of problems from free variables. Strengths of regularizations stay.
+    `best` is the fit of `problems` before. At most three repetitions, until nothing moves by more than 0.02 standard
+    deviations; none if the misfit is 4 or more, or the errors of no problem depend on values. `search` repeats the fit
+    of problems from free variables (n_params,). Strengths of regularizations stay.
     """
     for _ in range(_REWEIGHTED):
         if not best.goodness.misfit < _REWEIGHTED_BELOW:

@@ -487,7 +487,7 @@ class JointUnknowns:
     def sizes(self, physical: FloatArray) -> FloatArray:
         """Size with which each standard deviation is compared, (n_params,): the largest of all problems.
 
-        `physical` (n_params,) are the parameters.
+        `physical` (n_params,) are the parameters; sizes are in physical units too.
         """
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):

@@ -197,9 +197,9 @@ def _determined(
     strengths: Sequence[float],
     seed: int,
 ) -> tuple[float, ...]:
-    """Number of parameter combinations that the data determine within each penalty, by eight posterior draws.
+    """Numbers of parameter combinations that the data determine, one for each penalty, by eight posterior draws.
 
-    `strengths` are the present ones of the penalties `terms`. NaN if no draw converges. `theta` (n_params,) are the
+    `terms` are the penalties, `strengths` their present ones. NaN if no draw converges. `theta` (n_params,) are the
     free variables at which `linearization` was made; `seed` fixes the draws.
     """
     slope, physical = problem.slope(theta), problem.physical(theta)

@@ -651,9 +651,10 @@ def estimate(
         return _refit_once(refits, sampled, searched.names, minimum)
 
     def fits(minimum: Minimum) -> bool:
-        """True if the data allow `minimum`, and it is not an answer accepted before; then it is accepted.
+        """True if the data allow `minimum` and it is no answer in `accepted`; then it is added there.
 
-        Fixed values are free within their tolerances, if a misfit asks for that.
+        The misfit is judged at `misfit_probability`. Where a misfit asks for it, the fit with fixed values free within
+        their tolerances is judged, and compared, instead.
         """
         within = refit(minimum)
         if within is None:

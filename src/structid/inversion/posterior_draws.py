@@ -239,8 +239,8 @@ def counted_draws(
 def error_draws(problem: Problem, linearization: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
     """Function of a generator that draws data errors (n_data,): the residual times a random factor for each block.
 
-    Blocks are stretches of lines. The scores J'e then have the covariance sum of g_b g_b', with g_b = J_b' r_b of block
-    b of the residual r and its correction for few blocks (see `model_error_covariance`). The function gives NaN if
+    Blocks are stretches of lines. The scores J'e then have the covariance sum of g_b g_b' times a correction for few
+    blocks, with g_b = J_b' r_b of block b of the residual r (see `model_error_covariance`). The function gives NaN if
     there is only one block. `linearization` is that of `problem` at the answer.
 
     References

@@ -616,7 +616,10 @@ class UnchangedTest:
 
     @property
     def words(self) -> str:
-        """Result of the test for an unchanged structure, in one sentence."""
+        """Sentence on whether the data allow that the parameters `self.names` did not change, with both chi-squares.
+
+        If the data contradict it, those that differ most follow, with change (%) and number of standard deviations.
+        """
         kept = join_words(self.names, _MOST_NAMED)
         same, separate = format_number(self.cost, 3), format_number(self.separate_cost, 3)
         sums = f"chi-square is {same} with them the same, and {separate} with them free"

@@ -48,9 +48,9 @@ class LocalModel:
 
     @cached_property
     def _data_triangle(self) -> tuple[FloatArray, FloatArray, float]:
-        """Triangle R and product Q'r of the QR factorization of the data, and the sum of squares of a fit to data alone.
+        """Triangle R and product Q'r of the QR factorization of the data, and the sum of squares of their fit alone.
 
-        R is (n_params, n_params) and Q'r (n_params,); rows of penalties are not included.
+        R is (n, n_params) and Q'r (n,) with n = min(n_data, n_params); rows of penalties are not included.
         """
         orthogonal, triangle = np.linalg.qr(self.data.jacobian)
         projected = orthogonal.T @ self.data.residual

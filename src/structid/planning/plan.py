@@ -233,7 +233,7 @@ def _best_sensors_and_loads(selection: _TestSelection) -> tuple[tuple[int, ...],
 
     There are as many as the options ask for. Exchanges start from the best loads for all sensors, and from up to
     eight sets that each begin with one of the most informative loads; the best result by the options' criterion is
-    taken.
+    taken. `selection` holds candidates, their information and the options.
     """
     options, known = selection.options, selection.known
     criterion = (options.criterion, selection.of_interest)
@@ -252,7 +252,8 @@ def _exchange_until_stable(
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Indices of sensors and of loads, improved in turn by exchanges until neither changes, in at most ten rounds.
 
-    `loads` are the indices of the loads to begin with; the first sensors are the best for these.
+    `loads` are the indices of the loads to begin with; the first sensors are the best for these. `selection` holds
+    candidates, their information and the options.
     """
     options, known = selection.options, selection.known
     criterion = (options.criterion, selection.of_interest)
@@ -267,9 +268,10 @@ def _exchange_until_stable(
 
 
 def _kammer_sensors(selection: _TestSelection, count: int) -> tuple[int, ...]:
-    """Indices of `count` candidate sensors chosen by effective independence (Kammer) of the modes in the band.
+    """Ascending indices of `count` candidate sensors, chosen by effective independence (Kammer) of modes in the band.
 
-    At most `count` modes are used, the lowest of the band; without a mode in the band, the lowest of all.
+    At most `count` modes are used, the lowest of the band; without a mode in the band, the lowest of all. `selection`
+    holds candidates, frequencies and the model.
     """
     structure, unknown, frequency = (
         selection.candidates.structure,
@@ -345,7 +347,7 @@ def _best_lines(
 def _next_sensors(selection: _TestSelection, start: PlannedTest) -> tuple[PlannedTest, ...]:
     """Tests that add one further candidate sensor to `start`, for at most ten sensors, that of most information first.
 
-    Sensors that `start` has already are left out.
+    Sensors that `start` has already are left out. `selection` holds candidates, their information and the options.
     """
     options = selection.options
     sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)

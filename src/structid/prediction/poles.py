@@ -225,10 +225,11 @@ class PoleSum:
         return np.asarray(sum(s**order * group for order, group in zip(orders, groups, strict=True)))
 
     def combined(self, orders: Sequence[int]) -> PoleSum:
-        """Pole sum of outputs that add derivatives: the outputs of `self` are displacements in one group for each of `orders`.
+        """Pole sum of outputs that add derivatives, from displacements in one group of outputs for each of `orders`.
 
-        `orders` are 0 to 2; groups have equal size, and their derivatives are added up. First derivatives have the sum over
-        residues as a direct part: 0 under forces, which do not move a mass at once.
+        `orders` are 0 to 2; groups of the outputs of `self` have equal size, and their derivatives are added up. First
+        derivatives have the sum over residues as a direct part (0 under forces, which do not move a mass at once),
+        second ones that of residues times poles.
         """
         out = np.zeros((len(self.out) // len(orders), len(self.poles)), dtype=complex)
         integrals = np.zeros((3, len(out), self.into.shape[1]), dtype=complex)

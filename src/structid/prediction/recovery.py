@@ -167,6 +167,7 @@ class FibreStress:
             raise InputError(f"`E` of {self} must be greater than 0 Pa, got {self.youngs_modulus:g}")
 
     def __str__(self) -> str:
+        """Text that `parse_output` reads, as ``stress[deck:3@12 y=0.05 E=2.1e+11]``; y and z of 0 are left out."""
         values = (("y", self.y), ("z", self.z), ("E", self.youngs_modulus))
         rest = "".join(f" {key}={value:g}" for key, value in values if value)
         what = "strain" if self.youngs_modulus is None else "stress"

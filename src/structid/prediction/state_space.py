@@ -240,7 +240,7 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, increasing, at which an error is judged: 500 evenly spaced, and 25 across each resonance.
+    """Increasing frequencies, Hz, (n_lines,), at which an error is judged: 500 evenly spaced, 25 across a resonance.
 
     `low` and `high` are the ends of the band, Hz; frequencies outside it are left out. Those of a resonance span three
     half bandwidths on either side.
@@ -373,8 +373,8 @@ class _Equations:
     def _balance_states(self, highest: float | None) -> _Balance:
         """Balanced coordinates of all but the rigid states on the band from 0 to `highest` Hz, most important first.
 
-        They are columns (n, n) that lead to these states, and rows that lead back. None for `highest` takes all
-        frequencies.
+        Columns (n, n) times balanced coordinates are the n states, rows (n, n) times these are balanced coordinates.
+        None for `highest` takes all frequencies.
         """
         r = self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]

@@ -138,7 +138,7 @@ class Coupling:
     logarithmic: bool = False
 
     def __post_init__(self) -> None:
-        """Store read-only copies of matrix and target; raise `InputError` unless they are finite and fit each other.
+        """Store copies of matrix and target, dense ones read-only; `InputError` unless they are finite and of one size.
 
         The matrix is (n_rows, n_params), sparse or dense, the target (n_rows,).
         """
@@ -176,6 +176,7 @@ class Coupling:
     def rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residual (n_rows,) at the parameters `physical` (n_params,), in physical units, and its derivative by these.
 
+        The residual is `self.matrix` times the parameters (their logarithms if `self.logarithmic`) less `self.target`.
         The derivative is dense, (n_rows, n_params).
         """
         if sparse.issparse(self.matrix):

@@ -105,10 +105,10 @@ class Appendage(Candidate):
 
 
 def _frequencies(receptances: Receptances) -> list[float]:
-    """Frequencies, Hz, ascending, at which an appendage may resonate alone: peaks of the misfit, and some over the band.
+    """Frequencies, Hz, ascending, at which an appendage may resonate: peaks of the misfit, and some over the band.
 
     These are the ten highest peaks of the misfit of the record over its lines, first and last line excluded, and ten
-    frequencies in equal ratios from the lowest line above 0 Hz to the highest.
+    frequencies in equal ratios from the lowest line above 0 Hz to the highest. `receptances` are those of the record.
     """
     problem = receptances.problem
     frequency = problem.frequency

@@ -70,9 +70,9 @@ class Mass(Candidate):
             yield cls(where=where, strengths=strengths_about(scale, (1, -1)), record=record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by masses at the node `self.where[0]`.
+        """Changes of a record's FRFs, (n_strengths, n_lines, n_outputs, n_inputs), by masses at node `self.where[0]`.
 
-        `strengths` (n_strengths,) are in kg.
+        `strengths` (n_strengths,) are in kg, `receptances` those of the record; the unit is that of the record.
         """
         node = int(self.where[0])
         moves = [Dof(node, direction) for direction in DIRECTIONS[:3]]

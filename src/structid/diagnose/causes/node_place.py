@@ -43,7 +43,7 @@ class NodePlace(Candidate):
 
 
 def _nodes_that_may_slide(structure: Structure) -> list[int]:
-    """Labels of the nodes whose position may become a property of the structure, in its order.
+    """Labels of the nodes whose position may become a property of the structure, in the order of `structure.nodes`.
 
     Left out are nodes whose position is one already, and those where elements or ties forbid it. Empty for structures
     with components.

@@ -72,10 +72,10 @@ class MassOffset(Candidate):
                     )  # fmt: skip
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, exact, by levers q (m): with one the mass moves by u + q L theta instead of u.
+        """Changes of a record's FRFs, exact, by levers q (m): with one the mass moves by u + q L theta instead of u.
 
-        L is `self.lever`, u and theta are the motions of its node. `strengths` (n_strengths,) are the levers; the shape
-        is (n_strengths, n_lines, n_outputs, n_inputs).
+        L is `self.lever`, u and theta are the translations and rotations of its node. `strengths` (n_strengths,) are
+        the levers, `receptances` those of the record; the shape is (n_strengths, n_lines, n_outputs, n_inputs).
         """
         codes = np.array([dof_code(self.node, direction) for direction in DIRECTIONS])
         first, second = np.zeros((6, 6)), np.zeros((6, 6))

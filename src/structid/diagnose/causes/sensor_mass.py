@@ -58,9 +58,10 @@ class SensorMass(Candidate):
             yield cls(where=tuple(map(str, nodes)), strengths=strengths_about(scale, (1, -1)), nodes=of_record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by one mass at each sensor node.
+        """Changes of a record's FRFs, (n_strengths, n_lines, n_outputs, n_inputs), by one mass at each sensor node.
 
-        `strengths` (n_strengths,) are masses, kg. Zero where the record has no sensor that translates.
+        `strengths` (n_strengths,) are masses, kg, `receptances` those of the record. Zero where it has no sensor that
+        translates.
         """
         directions = [direction_of((dof, 1.0)) for dof in _translations(receptances, _sensed(receptances))]
         if not directions:

@@ -64,10 +64,10 @@ class Support(Candidate):
             yield cls(where=(dof.place,), strengths=strengths_about(scale), driven=driven)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support `self.where`.
+        """Changes of a record's FRFs, (n_strengths, n_lines, n_outputs, n_inputs), by a compliance of the support.
 
-        Of several directions the first counts alone. Zero for a record that neither holds nor drives it. `strengths`
-        (n_strengths,) are compliances, m/N or rad/(N m).
+        The support is the first of `self.where`. Zero for a record that neither holds nor drives it. `strengths`
+        (n_strengths,) are compliances, m/N or rad/(N m), `receptances` those of the record.
         """
         held, coupling, own = receptances.loose
         dof = parse_dof(self.where[0])

@@ -421,10 +421,9 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
 def _sensors(comparison: AlignedFrf, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
     """Sentences on sensors that differ from all others in level or sign, that look exchanged, or that fit far worse.
 
-    Exchanged pairs are named before those that fit far worse; none with fewer than three sensors.
-
-    `level` is the logarithm of measured over modelled magnitude, `agreement` the mean cosine of their phase angle, both
-    (n_outputs, n_inputs).
+    Those of level and sign are in the order of the sensors; exchanged pairs follow, then those that fit far worse. None
+    with fewer than three sensors. `level` is the logarithm of measured over modelled magnitude, `agreement` the mean
+    cosine of their phase angle, both (n_outputs, n_inputs); `comparison` has the record and both FRFs.
     """
     record = comparison.record
     apart: list[int] = []

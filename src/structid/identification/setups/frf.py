@@ -136,7 +136,7 @@ class Setup(RecordSetup[FrfProblem]):
         return ("output", self.record.outputs), ("input", self.record.inputs)
 
     def words(self, options: IdentifyOptions) -> str:
-        """A line on the record: kind, unit, lines that are used, and where its noise comes from."""
+        """A line on the record: kind, unit, lines that `options` choose (number and range, Hz), source of the noise."""
         used = used_lines(self.record, options)
         unit = "" if used.unit == "1" else f" in {used.unit}"
         sources = {"declared": "declared", "unknown": "of an unknown source"}
@@ -177,7 +177,7 @@ class Setup(RecordSetup[FrfProblem]):
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
     """Warnings on measured components of the structure that concern no particular line; empty without such components.
 
-    One says that a start by continuation is not possible with them.
+    If `options` state a start by continuation, one says that it is not possible with them.
     """
     words = [text for component in structure.measured for text in component.warnings]
     if structure.measured and options.start == "continuation":

@@ -70,9 +70,9 @@ class ModalSetup(RecordSetup[ModalProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
 
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
-        """The problem of the measured modes, with warnings of the record.
+        """The problem of the measured modes, with warnings of the record; `options` are not used.
 
-        Notes say where shapes count by MAC, or no shape is known.
+        Further warnings say where shapes count by MAC, or no shape is known.
         """
         errors = self.channel_errors(self.channel_unknowns)
         problem = ModalProblem(self.structure, self.parameters, self.record, self.settings, errors)

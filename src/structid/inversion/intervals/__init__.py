@@ -93,10 +93,10 @@ def parameter_intervals(
 
 
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
-    """Interval ends (n_params, 2) in physical units widened by the tolerances of fixed values.
+    """Interval ends (n_params, 2) in physical units, widened by the tolerances of the fixed values of `estimate`.
 
     Half-widths add in squares, in logarithms where value and end are positive. Ends that are 0, infinite or NaN stay.
-    `level` is the probability of the interval.
+    `level` is the probability of the interval. The estimate must have fixed values.
     """
     assert estimate.fixed is not None
     values, wide = estimate.values, np.array(ends)

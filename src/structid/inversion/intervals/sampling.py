@@ -320,8 +320,8 @@ def _chain_piece(shared: tuple[_Target, int, int], item: StoredValues, tools: Ta
 
     `shared` holds the target density, the length of the warm-up and the number of kept draws. `item` and the result
     have the keys ``chain`` (stored state, None before the first draw) and ``random`` (state of the generator); the
-    result also has ``draws``, those that are kept, (n, n_params). A first draw starts from a random point, halved until
-    its density is positive.
+    result also has ``draws``, those that are kept, (n, n_params), in the coordinates of the chain. A first draw starts
+    from a random point, halved until its density is positive. `tools` is not used.
     """
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])

@@ -226,8 +226,9 @@ def _search_patiently(
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """`minima`, then those of searches made again with their stages to the end, and True if the last of them fits.
 
-    Only searches that left a stage early are made again, in their order, from their items in `starts`: until one fits or does
-    not lower the least sum of squares by 1 %. `paths` are the continuation paths, `racing` is the method of the searches.
+    Only searches that left a stage early are made again, in the order of `minima`, from their items (number, index of
+    the path, start) in `starts`: until one fits or does not lower the least sum of squares by 1 %. `minima` are pairs
+    of a minimum and its number of iterations, `paths` the continuation paths, `racing` is the method of the searches.
     """
     shared = (problem, racing.patient(), tuple(paths))
     stalled = [any(map(racing.for_stages().has_stalled, [stage.costs for stage in one.stages])) for one, _ in minima]
@@ -348,10 +349,10 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Four starting points about an answer: on both sides along its two worst-determined directions, free variables.
+    """Four starting points about `answer`: on both sides along its two worst-determined directions, free variables.
 
-    Each is (n_params,), with the parameter that changes most changed by a factor of five (log 5 times its size). One
-    direction if there is one parameter.
+    Each is (n_params,), with the parameter that changes most changed by a factor of five (log 5 times its size); the
+    second worst direction comes first. Two points if there is one parameter.
     """
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
@@ -393,11 +394,11 @@ def _complete_searches(
     progress: StageProgress | None,
     work: TaskExecutor,
 ) -> list[tuple[Minimum, int]]:
-    """`minima` with their numbers of iterations, after the stopped searches near the best were completed.
+    """Pairs (minimum, number of iterations) of `minima`, after the stopped searches near the best were completed.
 
-    A search that was stopped early is continued if its sum of squares is at most 1.01 times the smallest. If it was
-    stopped within three standard deviations of an end to which an earlier one was continued, it gets that end as one
-    more step. `method` continues them.
+    A search that was stopped early is continued by `method` if its sum of squares is at most 1.01 times the smallest.
+    If it was stopped within three standard deviations of an end to which an earlier one was continued, it gets that end
+    as one more step. All others stay as they are.
     """
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended: list[tuple[Minimum, int]] = []
@@ -461,10 +462,10 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
 def _search(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: TaskContext
 ) -> StoredValues:
-    """Minimum of one search as stored arrays with its iterations, as a parallel task; ``failed`` holds the error instead.
+    """Minimum of one search as stored arrays with its iterations, a parallel task; ``failed`` holds an error instead.
 
-    `shared` is the problem, the method and the continuation paths; `item` is the number of the search (from 0), the index of
-    its path and its start (n_params,).
+    `shared` is the problem, the method and the continuation paths; `item` is the number of the search (from 0), the
+    index of its path and its start (n_params,); `tools` has the callback for progress and runs each stage.
     """
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]

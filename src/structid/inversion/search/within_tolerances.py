@@ -100,7 +100,11 @@ class FixedValues:
         return self._fit(minimum.theta, minimum.linearization, names)
 
     def _refit_from(self, begun: FloatArray, chi_square: float, progress: Progress | None) -> Minimum:
-        """Minimum with all unknowns free, searched from the free variables `begun`, for an answer that leaves `chi_square`."""
+        """Minimum with parameters and fixed values free, searched from `begun`, the free variables of both.
+
+        `chi_square` is the sum of squares of the fit with fixed values exact. If it is above `self._far` (not in a
+        matrix-free search), a short, more damped search comes first, and its end is the result if that stays above.
+        """
         if not self.is_matrix_free and chi_square > self._far:
             minimum = minimize(self.problem, _FAR_REFIT, begun, progress)
             if minimum.costs[-1] > self._far:
@@ -149,7 +153,7 @@ class FixedValues:
     def sensitivities_at(
         self, names: tuple[str, ...], theta: FloatArray, within: FitWithinTolerances | None = None
     ) -> FixedColumns:
-        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value, with names and tolerances.
+        """Derivatives (n_data, n_fixed) of the data rows by the logarithm of each fixed value; names and tolerances.
 
         Taken at the free variables `theta` (n_params,) of the parameters `names`, fixed values as in the model.
         `within` is a fit with fixed values free within their tolerances, if one was made; it is stored with its

@@ -56,7 +56,7 @@ class ChosenForces:
 
 
 def likeliest_std(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProcess) -> ChosenForces:
-    """Forces of the spectrum of `process`, of the standard deviation under which the record is likeliest.
+    """Forces of the spectrum of `process`, of the standard deviation under which the record of `setup` is likeliest.
 
     The standard deviation (N) is sought from 0.01 to 3 times (100 times for a free structure) that which makes the
     measured motion, since a model whose resonances are off by a part of their width makes far larger forces likelier.
@@ -241,7 +241,8 @@ def _first_std(setup: SensingSetup, reduced: ReducedMatrices, process: ForceProc
 def _std_of_motion(setup: SensingSetup, system: StateEquations, std: float) -> float:
     """Standard deviation of the unknown forces, N, that makes the measured motion; `std` is that of `system`, N.
 
-    The record's mean squares are fitted over the sensors. `NoAnswerError` if no sensor moves with the forces.
+    The record's mean squares are fitted over the sensors of `setup`. `NoAnswerError` if no sensor moves with the
+    forces.
     """
     covariance = stationary_covariance(system, system.noise, len(setup.channels.measured))
     made = np.einsum("ij,jk,ik->i", system.reading, covariance, system.reading) / std**2

@@ -175,7 +175,7 @@ def steady_filter(setup: SensingSetup, system: StateEquations) -> SteadyFilter:
 
 
 def filter_record(setup: SensingSetup, steady: SteadyFilter) -> Filtered:
-    """Kalman filter over the record: means from sample to sample, the estimated initial state and the log-likelihood.
+    """Kalman filter over the record of `setup`: means from sample to sample, initial state and log-likelihood.
 
     Means (n_times, n_states) are those before each reading if the first state were 0; the initial state has mean and
     covariance by the whole record. The log-likelihood lacks a constant. A record begins in motion: its initial state
@@ -315,8 +315,8 @@ class Smoothed:
 def smooth(setup: SensingSetup, fit: Filtered) -> Smoothed:
     """Smoothed wanted outputs, left-out sensors and unknown forces, in this order, with their variance at each sample.
 
-    Mean and variance are (n_times, n); the variance is larger near the ends of the record. The covariance (n, n) is the
-    one far from the ends. `fit` is the Kalman filter run over the record.
+    Mean and variance are (n_times, n), in SI units; the variance is larger near the ends of the record. The covariance
+    (n, n) is the one far from the ends. `fit` is the Kalman filter run over the record of `setup`.
     """
     (mean, back), steady = smoothed_outputs(setup, fit), fit.steady
     predicted, updated, rows = steady.predicted, steady.updated, steady.system.wanted
