@@ -94,9 +94,11 @@ def close_mode_notes(
     Returns
     -------
     tuple of str
-        On pairs with T gap / pi below 1, the gap in rad/s (half a beat; the product must exceed about 1 for the
-        quotient of Norris, and 0.1 for methods with delays even in little noise); on close pairs whose gap is within
-        one standard deviation; of free decays, on groups of close modes with more members than `n_records`.
+        For each pair of neighbouring modes, one on a gap in frequency of at most one standard deviation of the gap, so
+        that the two are not separate, or else one on T gap / pi below 1 for the duration T and the gap in rad/s (half a
+        beat; the quotient of Norris needs more than about 1, methods with delays 0.1 even in little noise). Then, of
+        free decays, one for each group of close modes with more members than `n_records`, unless two neighbours in it
+        differ by more than 1.96 standard deviations.
 
     References
     ----------

@@ -170,7 +170,11 @@ def modal_identification(
 
 
 def _without_uncertain_modes(found: ModalIdentification, options: ModalOptions) -> ModalIdentification:
-    """Modes whose relative standard deviation of frequency is at most `options.deviation`, where that is set."""
+    """Identification without modes whose frequency has a standard deviation above `options.deviation` of itself.
+
+    These go to `left_out`, with a warning. It is returned as it is where `deviation` is None; modes with an unknown
+    standard deviation stay. `NoModesError` if none is left.
+    """
     if options.deviation is None:
         return found
     uncertain = found.modes.frequency_std > options.deviation * found.modes.frequency

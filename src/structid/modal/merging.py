@@ -268,9 +268,10 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
 
 
 def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Sequence[Dof], guard: float) -> str:
-    """Reason, as words for a warning, why a mode was not merged: for each set-up without such a mode, its nearest mode.
+    """Reason, as words for a warning, why a mode was not merged, with the nearest mode of each set-up without a match.
 
-    The mode is number `mode` (from 0) of set-up `number`, `shared` are the reference sensors; `guard` is the logarithmic
+    Other reasons: none of its entries at the references is known, or every match is paired with another mode. The mode
+    is number `mode` (from 0) of set-up `number`, `shared` are the reference sensors; `guard` is the logarithmic
     frequency distance at which a pair is worth half as much.
     """
     if np.isnan(_rows(setups[number], shared)[:, mode]).all():

@@ -130,9 +130,10 @@ class ModalRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        """Make arrays read-only and raise `InputError` on wrong shapes, or frequencies negative or not sorted.
+        """Make arrays read-only; raise `InputError` on wrong shapes, an unknown scaling, or values out of range.
 
-        An entry of a shape with a NaN real or imaginary part becomes NaN in both, and so does its standard deviation.
+        Frequencies must be finite, not negative and sorted, shape entries not infinite. An entry of a shape with a NaN
+        real or imaginary part becomes NaN in both, and so does its standard deviation.
         """
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))

@@ -212,7 +212,11 @@ def is_modes_table(path: Path) -> bool:
 
 
 def _names_modes(head: list[str]) -> bool:
-    """True if the first lines `head` of a table are those of modes; `InputError` for an unknown unit in their names."""
+    """True if the first lines `head` of a table name frequencies of modes, and damping ratios or channels like ``1X+``.
+
+    Names stand in the first line, or in the first cell of each line if modes are columns. `InputError` if frequencies
+    or damping have an unknown unit.
+    """
     if not any("freq" in plain or "fréq" in plain for plain in map(_plain, head)):
         return False
     separator = max((",", ";", "\t"), key=head[0].count)
@@ -322,7 +326,11 @@ def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
 
 
 def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
-    """Channels that the header names, each once and in order; `FileError` if a column is no channel or doubles another."""
+    """Channels that have columns in the table, each once, in the order of the column names `header`.
+
+    Columns of mode number, frequency, damping, MPC and scaling are passed over. `FileError` if any other is no channel
+    such as ``1X+`` (with `real`, `imaginary` or `std` behind it), or two columns are of the same entries.
+    """
     other_columns = {"", "mode", "mpc", "scaling", *_NUMBERS}
     channels: dict[Dof, None] = {}
     columns: dict[tuple[Dof, str], str] = {}

@@ -132,9 +132,10 @@ class _Listing:
             self._read_context(line)
 
     def _read_context(self, line: str) -> None:
-        """Read subcase, superelement, eigenvalue or mode number from a line above a title into `page`.
+        """Read subcase, superelement, eigenvalue or mode number from a `line` above a title into `page`.
 
-        Other lines are ignored.
+        Other lines are ignored. Subcase and superelement count only within three lines of a page's begin or in a line
+        that begins with 0, which first clears the subcase.
         """
         if line.startswith("0"):  # the last of the lines that head a page, which some keep without the others
             self.page.subcase = None
@@ -246,10 +247,10 @@ class _Listing:
         return True
 
     def _read_second(self, number: int, line: str) -> None:
-        """Read the second line of a complex eigenvector row, imaginary parts or phases, and add it to the row of its point.
+        """Read the second line of a complex eigenvector row, imaginary parts or phases, and add it to the point's row.
 
-        `FileError` if the line is damaged or contradicts an earlier print of the point. `number` is that of the line in
-        the file.
+        The second line of a scalar point is passed over. `FileError` if the line is damaged or contradicts an earlier
+        print of the point. `number` is that of the line in the file.
         """
         assert self.vector is not None
         self.state = "rows"
@@ -343,8 +344,8 @@ def _real_eigenvalues(
 
     Eigenvalues come from the pages of the vectors or, where these print none, from the eigenvalue table; masses from
     the row of the table with the same eigenvalue, NaN where there is none. A note names the first page that contradicts
-    the table. `FileError` if a mode has no eigenvalue, the analysis is of buckling, or an eigenvalue is negative.
-    `listing` is the reader with vectors and table; `path` is for errors.
+    the table. `FileError` if a mode has no eigenvalue or one that contradicts its frequency, one is negative, or all
+    masses are 0, as in a buckling analysis. `listing` is the reader with vectors and table; `path` is for errors.
     """
     squares: list[float] = []
     masses: list[float] = []

@@ -178,7 +178,9 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
 def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
     """`ModalChanges` from the field `changes` of the fields `data` of a modes.json; None if it has no such field.
 
-    `shape` is (n_channels, n_modes) of the mode shapes. `FileError` if the tables do not have the shape.
+    With n changes, the tables `frequency_hz` and `damping_ratio` have n rows of n_modes, `shapes_real` and
+    `shapes_imaginary` n rows of n_channels * n_modes. `shape` is (n_channels, n_modes). `FileError` if the shape tables
+    have another size.
     """
     tables = data.get("changes")
     if tables is None:
@@ -236,7 +238,7 @@ def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix
 def _texts(path: Path, data: Mapping[str, object], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
     """List of texts under `key` of JSON `data`; `FileError` if the value is no list of texts.
 
-    `default` is taken where the key is missing.
+    `default` is taken where the key is missing; without a default that is an error too.
     """
     texts = data.get(key, default)
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):

@@ -69,7 +69,8 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
 def _displacement_axes(path: Path, deck: Path, printed: PrintedModes) -> dict[int, FloatArray]:
     """Axes (3, 3), as rows in global axes, of each point whose displacement system in the `deck` is not the global one.
 
-    Keys are node labels. `FileError` if the deck lacks a point that is printed.
+    Keys are node labels. `FileError` if the deck is damaged, has no GRID, or lacks a point that is printed. `path` is
+    the file of `printed`, for errors.
     """
     with damage_told(deck, "Nastran bulk data", "export it again"):
         cards = cards_of(bulk_text(deck), ("GRID", "GRDSET", *SYSTEM_CARDS))

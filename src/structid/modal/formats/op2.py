@@ -75,8 +75,8 @@ def op2_modes(path: Path, options: ModeFileOptions) -> PrintedModes:
     Raises
     ------
     FileError
-        If the file is cut short or is none, several runs have modes, a vector is stored twice, or a deck is named whose
-        displacement systems the file's vectors may not have.
+        If the file is cut short or is none, several runs have modes, a vector is stored twice, or `options` name a deck
+        and all vectors are in the table OUGV1PAT, which does not say their axes.
     """
     content = path.read_bytes()
     words = _words_of(path, content)

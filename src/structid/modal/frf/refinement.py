@@ -580,10 +580,11 @@ def _largest_change(modes: FrfModes, mode: int, top: int) -> ComplexArray:
 
 
 def _mass_change(modes: FrfModes, mode: int, point: DrivingPoint) -> tuple[complex, ComplexArray]:
-    """Factor c with c^2 = 2 i omega_d l_d / phi_d that scales a shape to modal mass 1, and the derivative of log c.
+    """Factor c that scales a shape to modal mass 1, c^2 = +-2 i omega_d l_d / phi_d, and the derivative of log c.
 
-    `mode` is the index of the mode; l_d and phi_d are its participation and shape at the driving point, omega_d is Im p. The
-    derivative (n_unknowns + 4,) is by the unknowns of `FrfModes.joint` with the driving point as second output.
+    `mode` is the index of the mode; l_d and phi_d are its participation and shape at the driving point, omega_d is Im
+    p, and the sign is - where output and input of the point have opposite senses. The derivative (n_unknowns + 4,) is
+    by the unknowns of `FrfModes.joint` with the driving point as second output.
     """
     s, phi = modes.at.poles[mode], modes.shapes[point.output, mode]
     participation = modes.at.participation[point.input, mode]

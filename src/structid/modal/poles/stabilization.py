@@ -128,7 +128,7 @@ def clusters(
 ) -> tuple[Cluster, ...]:
     """Clusters of stable poles over the model orders that are modes, by increasing frequency; () if no pole is stable.
 
-    A pole is stable if its distance (relative, plus 1 - MAC) to the nearest of the next lower order is below the
+    A pole is stable if its distance (relative, plus 1 - MAC) to the nearest of the next lower order is at most the
     boundary between two groups of such distances, by 2-means of their logarithms.
 
     Parameters
@@ -138,7 +138,7 @@ def clusters(
     scale : (n_channels,) float array
         By which shapes are divided before they are compared.
     criteria : HardCriteria, optional
-        Poles that do not meet them are left out.
+        Poles that do not meet them are left out; the defaults of `HardCriteria` if None.
     keep_all : bool
         Keep all clusters, also those that are probably no mode; by default only `likely_modes`.
     """

@@ -651,7 +651,10 @@ def hessian(data: BandLines, chart: Chart, x: FloatArray) -> FloatArray:
 
 
 def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """Inverse of the symmetric matrix `curvature`; None if it is not positive definite within numerical accuracy."""
+    """Inverse of the symmetric matrix `curvature`; None if it is not finite or not clearly positive definite.
+
+    The least eigenvalue must exceed 1e-11 of the greatest one.
+    """
     if not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)

@@ -361,12 +361,13 @@ def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...
 
 
 def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int]) -> tuple[float, ...]:
-    """Frequencies (Hz), sorted, where modes of a band may lie: peaks of the first and crests of the second singular value.
+    """Frequencies (Hz), sorted, where modes of a band may lie: peaks of the first singular value, crests of the second.
 
     Between two peaks of different shape the second singular value has one crest, where the modes change places. Modes
-    that coincide show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests count only
-    where the first singular value is above a fifth of the nearest peak: those in valleys between separate modes are explained.
-    `low` and `high` are the ends of the band, Hz, `peaks` the line indices of peaks.
+    that coincide show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests
+    count only where the first singular value is above a fifth of that at the nearest peak, since lower ones lie in
+    valleys between separate modes. `low` and `high` are the ends of the band, Hz, `peaks` the line indices of peaks. ()
+    without a peak.
     """
     frequency = spectrum.frequency
     inside = [int(k) for k in peaks if low <= frequency[k] <= high]
