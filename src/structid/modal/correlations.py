@@ -312,8 +312,8 @@ def lag_hankels(
 
     Each is (rows * n_channels, columns * n_channels); block (i, j) belongs to lag offset + i + j in samples, i and j
     from 0. A product of two samples counts in the window that holds the earlier one (the last window of a record
-    reaches to its end), divided by the number of such products at that lag in all records. `rows` and `columns` are
-    numbers of blocks. `windows` cover the records.
+    reaches to its end), divided by the number of such products at that lag in all records of `data`. `rows` and
+    `columns` are numbers of blocks. `windows` cover the records.
     """
     for piece in windows:
         y = data.series[piece.record]

@@ -298,7 +298,7 @@ def full_field_modes(
 def at_all_channels(
     identification: ModalIdentification, motions: SharedMotions, channels: tuple[Dof, ...]
 ) -> ModalIdentification:
-    """Identification of `motions.record` with its shapes expanded to all `channels`, largest entry 1.
+    """`identification` of `motions.record` with its shapes expanded to all `channels`, largest entry 1.
 
     `channels` are the rows of `motions.basis`. The result has no `shape_std` and no `changes`.
     """

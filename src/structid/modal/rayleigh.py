@@ -372,8 +372,8 @@ def _doubt_notes(
     """Warnings on what makes the modes of a pseudo-Rayleigh quotient doubtful; () if nothing does.
 
     Causes: fewer motions than channels, less than half a period, close frequencies, accelerations that no constant
-    matrix explains. `omega` holds circular frequencies (rad/s), increasing; `pair` and `form` are the options of
-    `pseudo_rayleigh`. `n_modes` is the number asked for, None for all.
+    matrix explains. `stationary` has the quotient's values and the motion; `omega` holds circular frequencies (rad/s),
+    increasing; `pair` and `form` are the options of `pseudo_rayleigh`. `n_modes` is the number asked for, None for all.
     """
     motion, gram, rank = stationary.motion, stationary.gram_eigenvalues, len(stationary.eigenvalues)
     # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one
@@ -602,10 +602,10 @@ def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Seque
 
 
 def _channels(records: Sequence[TimeRecord], quantities: Sequence[str]) -> tuple[Dof, ...]:
-    """Degrees of freedom with all `quantities` in every record, in the order of the first record.
+    """Degrees of freedom with all `quantities` in every one of `records`, in the order of the first record.
 
-    `InputError` if a quantity is missing, degrees of freedom differ, a record has fewer than 3 samples, or all have
-    fewer than 2 n_channels + 2.
+    `InputError` if a quantity is missing, degrees of freedom differ, a record has fewer than 3 samples, or all together
+    have fewer than 2 n_channels + 2.
     """
     if not records:
         raise InputError("`records` must hold at least one TimeRecord, got none")

@@ -381,8 +381,8 @@ def _real_eigenvalues(
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex, mass: float) -> PrintedMode:
     """`PrintedMode` from the rows of a vector: values (n_points, 6), complex for a complex vector, NaN where blank.
 
-    `eigenvalue` is s in rad/s, `mass` the generalized mass (NaN if not printed). `FileError` if a row is incomplete or
-    a value is not finite.
+    `key` names the mode in errors, `eigenvalue` is s in rad/s, `mass` the generalized mass (NaN if not printed).
+    `FileError` if a row is incomplete or a value is not finite.
     """
     rows = list(vector.rows.values())
     n_parts = 2 if vector.is_complex else 1

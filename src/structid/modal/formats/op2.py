@@ -184,8 +184,9 @@ def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[
     """Key, eigenvalue (omega^2, or s of complex modes) and mode of each eigenvector in a table, in the table's order.
 
     Values are (n_points, 6), complex if the table says so; other results of the table are passed over. `system` is the
-    number of the coordinate system of the vectors, -1 if not known. The `eigenvalue` of the mode is this value too.
-    `FileError` if vectors are sorted by points, damaged or not finite.
+    number of the coordinate system of the vectors, -1 if not known; `words` are byte order and word size of the file.
+    The `eigenvalue` of the mode is the one returned. `FileError` if vectors are sorted by points, damaged or not
+    finite.
     """
     for heading, data in zip(table.parts[0::2], table.parts[1::2], strict=False):
         if len(heading) != _HEADING * words.size:

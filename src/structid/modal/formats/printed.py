@@ -79,7 +79,9 @@ class VectorKey:
 
 
 def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) -> list[VectorKey]:
-    """Keys of the vectors of one run: the subcase and kind of eigenvalue that `options` name, or the only run there is.
+    """Keys of the vectors of one run, in the order of `keys`, which are those of all vectors of the file.
+
+    The run is the subcase and kind of eigenvalue (real or complex) that `options` name, or the only one there is.
 
     Raises
     ------
@@ -182,7 +184,7 @@ def parse_numbers(path: Path, fields: Sequence[str]) -> FloatArray:
 
 
 def require_same_points(path: Path, modes: Sequence[PrintedMode]) -> None:
-    """Raise `FileError` unless all modes have the points of the first one, each once."""
+    """Raise `FileError` unless all modes have the points of the first one, in the same order and each once."""
     nodes = modes[0].nodes
     if len(np.unique(nodes)) != len(nodes):
         raise FileError(f"{path}: a point is printed twice in one mode; leave one of them")
@@ -275,8 +277,9 @@ def _in_global_axes(
 ) -> NumberArray:
     """Mode shapes (n_points, 6, n_modes) turned from the points' displacement systems to global axes.
 
-    `axes` maps node labels to (3, 3) axes as rows; None takes shapes as global, and `FileError` if a point states another
-    system. Assumptions are appended to `notes`.
+    `axes` maps node labels to (3, 3) axes as rows; a point without an entry, or whose system is 0 (global) in the first
+    of `modes`, stays. None takes all shapes as global, and `FileError` if a point states another system. Assumptions
+    are appended to `notes`.
     """
     systems, nodes = modes[0].systems, modes[0].nodes
     if axes is None:

@@ -185,8 +185,8 @@ def _add(path: Path, number: int, vector: _Vector, node: int, values: list[str])
 def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -> PrintedMode:
     """`PrintedMode` from the rows of a vector in a punch file: values (n_points, 6), complex for a complex vector.
 
-    `eigenvalue` is s in rad/s; the generalized mass is NaN. `FileError` if a row is incomplete or a value is not
-    finite.
+    `key` names the mode in errors, `eigenvalue` is s in rad/s; the generalized mass is NaN. `FileError` if a row is
+    incomplete or a value is not finite.
     """
     width = _FORMS[vector.form]
     for node, values in vector.rows.items():

@@ -291,7 +291,8 @@ def _require_vibrations(modes: list[_Mode]) -> None:
 def _units(path: Path, blocks: Sequence[UffDataset], options: ModeFileOptions) -> tuple[float, float, bool]:
     """Units of length (m) and of force (N) of a universal file, and True if the file or options state that of length.
 
-    A unit is 1.0 where neither dataset 164 nor an option states it. `InputError` if an option contradicts the file.
+    A unit is 1.0 where neither dataset 164 among `blocks`, the file's datasets, nor an option states it. `InputError`
+    if an option contradicts the file.
     """
     factors = read_unit_factors(path, blocks)
     stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)

@@ -106,9 +106,10 @@ def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]
 
 
 def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) -> _BandModes:
-    """Modes of FRFs between `low` and `high` (Hz), with their poles, clusters and notes.
+    """Modes of the FRFs of `record` between `low` and `high` (Hz), with their poles, clusters and notes.
 
-    Stable poles over the model orders are refined by least squares. `NoModesError` if no mode is stable.
+    Poles that are stable over the model orders, or nearest to `options.frequencies`, are refined by least squares.
+    `NoModesError` if there is none.
     """
     band = frf_band(record, low, high)
     poles = pole_sweep(band, options.orders, options.criteria)
@@ -136,11 +137,12 @@ def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -
 def _refine_band(
     band: FrfBand, start: PolesAndParticipation, options: ModalOptions
 ) -> tuple[FrfModes, IntArray, bool, list[str]]:
-    """Least-squares modes of one band refined from `start`, indices of the poles kept, convergence, and notes.
+    """Least-squares modes of one band refined from `start`, indices (n_kept,) of poles kept, convergence, and notes.
 
-    Indices refer to `start` and are sorted by frequency. Poles that leave the band or the criteria are fixed where they
-    started; those that fit noise only are left out. `NoModesError` if none is left. Convergence is True if the last
-    search converged; notes are sentences on poles left out or fixed.
+    Indices refer to `start` and are sorted by frequency. Poles that leave the band or `options.criteria` are fixed
+    where they started; those that fit noise only are left out, unless `options.frequencies` are set. `NoModesError` if
+    none is left. Convergence is True if the last search converged; notes are sentences on poles left out or fixed,
+    convergence and standard deviations.
     """
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))
@@ -200,10 +202,10 @@ def _refine_band(
 def _fit_with_residual_modes(
     band: FrfBand, start: PolesAndParticipation
 ) -> tuple[PolesAndParticipation, FrfData, bool]:
-    """Least-squares fit of the modes in one band from `start`: poles, data with their weights, and True if it converged.
+    """Least-squares fit of the modes in one band from `start`: poles, data with their weights, whether converged.
 
-    Powers of s that stand for modes outside the band are added, up to six steps on either side, as long as they lower the
-    misfit enough.
+    Powers of s that stand for modes outside the band are added, up to six steps on either side, as long as each new
+    unknown lowers the misfit by more than twice the mean square of the residual.
     """
     data, parameters = _data(band, band.variance), start
     for gain in (1e-3, 1e-5):
@@ -284,9 +286,9 @@ def _data(band: FrfBand, variance: FloatArray | None) -> FrfData:
 def _residual_variance(data: FrfData, parameters: PolesAndParticipation, band: FrfBand) -> FloatArray:
     """Mean square residual of the lines around each line, itself left out, (n_lines, n_outputs, n_inputs).
 
-    The FRFs are in the scale of `band`. The lines around are 15 on either side, or n_lines / 80 if that is more. The
-    mean is not below rounding of the largest FRF. A weight that included the error of its own line would make that
-    error look small. `parameters` has the poles and participation.
+    The residual is that of `data` at the poles and participation `parameters`, without the weights, in the scale of
+    `band`. The lines around are 15 on either side, or n_lines / 80 if that is more. The mean is not below rounding of
+    the largest FRF. A weight that included the error of its own line would make that error look small.
     """
     scale = band.output_scale[:, None] * band.input_scale
     power = np.abs(residuals(data, parameters) / data.weights / scale) ** 2

@@ -303,11 +303,12 @@ class OutputBlock:
 def output_blocks(
     data: FrfData, parameters: PolesAndParticipation, free: IntArray | None = None, with_slopes: bool = True
 ) -> Iterator[OutputBlock]:
-    """Least-squares fit of the shape entries of each output at the poles and participation `parameters`, output by output.
+    """Least-squares fit of each output's shape entries at the poles and participation `parameters`, in order.
 
-    A block has the fitted coefficients (those of the columns of `terms`), the weighted residual (real parts, then
-    imaginary ones), and its derivatives by the unknowns `free` of poles and participation (column numbers of `slopes`;
-    by default the free ones of `parameters`), without columns unless `with_slopes`.
+    `data` has the FRFs with their weights. A block has the fitted coefficients (those of the columns of `terms`), the
+    weighted residual (real parts, then imaginary ones), and its derivatives by the unknowns `free` of poles and
+    participation (column numbers of `slopes`; by default the free ones of `parameters`), without columns unless
+    `with_slopes`.
 
     Raises
     ------
@@ -341,9 +342,10 @@ def residuals(data: FrfData, parameters: PolesAndParticipation) -> ComplexArray:
 
 
 def misfit(data: FrfData, parameters: PolesAndParticipation) -> float:
-    """Sum of squares of the weighted FRF residual at the poles and participation `parameters`, with all linear unknowns fitted.
+    """Sum of squares of the weighted FRF residual at poles and participation `parameters`, all linear unknowns fitted.
 
     These are each output's shape entries and terms for modes outside the band; infinite if they are linearly dependent.
+    `data` has the FRFs with their weights.
     """
     columns, total = terms(data.laplace, parameters.poles, parameters.participation, data.power, data.outside), 0.0
     for o in range(data.values.shape[1]):
@@ -360,8 +362,8 @@ def refined(
 ) -> tuple[PolesAndParticipation, bool]:
     """Poles and participation at the nearest minimum of the FRF misfit from `start`, and True if it was reached.
 
-    Steps continue while each promises to lower the misfit by the fraction `gain`. Fixed poles stay; the result is
-    `start` and True if nothing is free, `start` and False if the search cannot begin.
+    Steps continue while each promises to lower the misfit of `data` by the fraction `gain` of it. Fixed poles stay; the
+    result is `start` and True if nothing is free, `start` and False if the search cannot begin.
     """
     n_free = len(start.free)
     if not n_free:

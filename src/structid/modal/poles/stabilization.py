@@ -114,8 +114,8 @@ def _unit_distance(
 ) -> FloatArray:
     """Relative distance of poles plus 1 - MAC of their shapes, (n_first, n_second); 0 for equal poles and shapes.
 
-    The distance of two poles is over the larger magnitude. Poles are in rad/s, (n_first,) and (n_second,); shapes are
-    (n_channels, n_first) and (n_channels, n_second), with columns of norm 1.
+    The distance of two poles is over the larger magnitude. Poles `first` (n_first,) and `second` (n_second,) are in
+    rad/s; `first_shapes` (n_channels, n_first) and `second_shapes` (n_channels, n_second) have columns of norm 1.
     """
     size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
     apart, product = first[:, None] - second, first_shapes.conj().T @ second_shapes
@@ -272,10 +272,11 @@ class _Pool:
 
 
 def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
-    """Cluster of the poles `members` (indices in the pool), with its central pole, stability and medians.
+    """Cluster of the poles `members` (indices in the pool), with its central pole, stability, distance and medians.
 
-    The central pole has the least sum of distances to the others; stability is the number of poles over that of orders
-    from the first on that shows one. `distance` (n_poles, n_poles) is that between the poles of the pool.
+    The central pole has the least sum of distances to the others, whose mean is the cluster's distance; stability is
+    the number of poles over that of orders from the first on that shows one. Energy and phase collinearity are medians.
+    `distance` (n_poles, n_poles) is that between the poles of the pool.
     """
     s, number = pool.poles[members], pool.number[members]
     total = _total_distances(members, distance)

@@ -189,10 +189,10 @@ def modes_at(chart: Chart, x: FloatArray) -> BandModes:
 
 
 def transfer(data: BandLines, modes: BandModes) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Transfer function h of every line and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each.
+    """Transfer function h of every line of `data` and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each.
 
-    h is (i b)^d / (1 - b^2 + 2 i zeta b), with b the frequency of the line over that of the mode and d the derivative (0 to 2)
-    of displacement that the lines hold.
+    h is (i b)^d / (1 - b^2 + 2 i zeta b), with b the frequency of the line over that of the mode and d the derivative
+    (0 to 2) of displacement that the lines hold; f and zeta are the frequencies and damping ratios of `modes`.
     """
     b = data.frequency[:, None] / modes.frequency
     friction = 2j * modes.damping_ratio * b
@@ -228,12 +228,12 @@ class Solved:
 
 
 def solved(data: BandLines, modes: BandModes, spectra: ComplexArray) -> Solved:
-    """Negative log-likelihood of the lines F, up to a constant, and products with the covariance E of each line.
+    """Negative log-likelihood of the lines F of `data`, up to a constant, and products with the covariance E of each.
 
-    E is Phi H Phi' + S_e I for shapes Phi, noise S_e and `spectra` H (n_lines, m, m), the spectral densities of the
-    modal responses. The products are, in this order, (S_e I + Phi' Phi H)^-1, (n_lines, m, m), E^-1 F, Phi' E^-1 F and
-    the sum of tr E^-1. Kernels of size m serve instead of n_channels; where shapes span all channels or are nearly
-    parallel, E itself is inverted.
+    E is Phi H Phi' + S_e I for the shapes Phi and the noise S_e of `modes`, and `spectra` H (n_lines, m, m), the
+    spectral densities of the modal responses. The fields are, in this order, the value, (S_e I + Phi' Phi H)^-1,
+    (n_lines, m, m), E^-1 F, (n_lines, n_channels), Phi' E^-1 F, (n_lines, m), and the sum of tr E^-1. Kernels of size m
+    serve instead of n_channels; where shapes span all channels or are nearly parallel, E itself is inverted.
     """
     n, m = modes.shapes.shape
     gram = modes.shapes.T @ modes.shapes
@@ -303,9 +303,10 @@ def _along_tangents(chart: Chart, x: FloatArray, modes: BandModes, slope: FloatA
 
 
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
-    """Gradient by the m^2 coordinates of a lower Cholesky factor `root` (m, m), from the gradient `slope` by its entries.
+    """Gradient (m^2,) of a function by the coordinates of a lower Cholesky factor `root` (m, m).
 
-    The order is that of `Chart`: logarithms of the diagonal, then real and imaginary parts below it. `slope` is (m, m).
+    `slope` (m, m) is the gradient by the factor's entries, real parts by Re and imaginary ones by Im. The order is that
+    of `Chart`: logarithms of the diagonal, then real and imaginary parts below it over the diagonal entry of their row.
     """
     below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
     slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)
@@ -412,9 +413,10 @@ def band_lines(data: ScaledMotion, low: float, high: float) -> tuple[BandLines, 
 
 
 def _bands(data: ScaledMotion, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
-    """Bands of `options`, or bands around automatic peaks, with limits and frequencies of their modes, in Hz.
+    """Bands of `options`, or bands around automatic peaks of `data`, with limits and frequencies of their modes, in Hz.
 
-    A note that lists automatic bands is appended to `notes`.
+    A note that lists automatic bands, or names a band without a peak, is appended to `notes`. `InputError` if a band
+    does not suit the spectrum, bands overlap, or a frequency asked for is near no peak.
     """
     if options.bands is not None:
         spectrum = singular_spectrum(data, options.segment or default_segment(data))
@@ -453,8 +455,9 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
 def _band_warnings(number: int, band: Band, posterior: Posterior, data: ScaledMotion) -> list[str]:
     """Warnings on a frequency band whose modes are doubtful; an empty list if none is.
 
-    They are on a search that has not converged, values that the data do not determine, resonances of less than four lines, and
-    modes outside the band. `number` (from 1) is that of the band in the words.
+    They are on a search that has not converged, values that the data do not determine, resonances of less than four
+    lines of the longest record, and modes outside the band. `posterior` has the modes found, `number` (from 1) is that
+    of the band in the words.
     """
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
@@ -564,8 +567,9 @@ def posterior(data: BandLines, frequencies: Sequence[float]) -> Posterior:
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
     """Chart about the modes where Newton's method from `modes` ended, decrease still expected before, and Hessian.
 
-    The Hessian (size, size) is that of the negative log-likelihood in the chart's coordinates; all NaN if `n_steps`
-    did not suffice or an entry is not finite. The decrease is of twice that function; infinite if none was computed.
+    The Hessian (size, size) is that of the negative log-likelihood of the lines `data` in the chart's coordinates; all
+    NaN if `n_steps` did not suffice or an entry is not finite. The decrease is of twice that function; infinite if none
+    was computed.
     """
     place = chart(modes)
     unknown = np.full((place.size,) * 2, np.nan)
@@ -609,7 +613,7 @@ def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
     """Least and greatest coordinates of frequencies, then damping ratios, in the search, (2 m,) each.
 
     Coordinates are ln(f / f_0) / zeta_0 and ln(zeta / zeta_0) about the modes `start` (f_0, zeta_0). Frequencies stay
-    within the lines of the band, damping ratios from 1e-5 to 0.5; the coordinate 0 of `start` is always allowed.
+    within the lines of `data`, damping ratios from 1e-5 to 0.5; the coordinate 0 of `start` is always allowed.
     """
     zeta = start.damping_ratio
     ends = [np.log(f / start.frequency) / zeta for f in (data.frequency.min(), data.frequency.max())]

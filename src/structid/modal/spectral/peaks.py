@@ -121,11 +121,12 @@ def default_segment(data: ScaledMotion) -> int:
 
 
 def singular_spectrum(data: ScaledMotion, segment: int) -> Spectrum:
-    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows and half overlap.
+    """Singular value decomposition of the Welch spectral matrix of `data` at every line, Hann windows half overlapping.
 
     `segment` is the number of samples in a segment. The result has frequencies (Hz) from 0 to half the sampling rate,
-    singular values (n_lines, n_channels) in 1/Hz, greatest first, vectors in the columns of (n_lines, n_channels,
-    n_channels), and the number of independent averages. The mean of each record is removed; `matrix` is empty.
+    singular values (n_lines, n_channels) in 1/Hz (channels have a mean square of 1), greatest first, vectors in the
+    columns of (n_lines, n_channels, n_channels), and the number of independent averages. The mean of each record is
+    removed; `matrix` is empty.
 
     Raises
     ------

@@ -124,7 +124,8 @@ def decay_fit(data: ScaledMotion, start: ComplexArray) -> DecayFit | None:
 def energy_fractions(data: ScaledMotion, poles: ComplexArray) -> FloatArray:
     """Energy of each mode's fitted decay over that of all records, (n_modes,), channels scaled to equal power.
 
-    `poles` (n_modes,) are in rad/s. Fractions need not add up to 1.
+    `data` has the records, `poles` (n_modes,) are in rad/s; decays of all modes are fitted together. Fractions need not
+    add up to 1.
     """
     n, energy = len(poles), np.zeros(len(poles))
     for p in _project_records(data, poles):
@@ -294,9 +295,10 @@ def _minimum(
 
     @lru_cache(maxsize=1)  # a step is tried and taken at the same poles
     def project(changes: bytes) -> tuple[ComplexArray, list[_RecordAtPoles]] | None:
-        """Poles (rad/s) after changes of all Re s, then all Im s (a float array as bytes), and the projections.
+        """Poles (n_modes,), rad/s, after changes from `start`, and the projections of the records onto their decays.
 
-        None where a pole does not oscillate, decays or grows too fast, or the projection is singular.
+        `changes` are of all Re s, then all Im s (a float array as bytes). None where a pole does not oscillate, decays
+        or grows too fast, or the projection is singular.
         """
         parts = np.frombuffer(changes)
         poles = start + parts[:n] + 1j * parts[n:]
@@ -329,9 +331,10 @@ def _minimum(
 
 
 def _with_covariance(data: ScaledMotion, poles: ComplexArray, parts: list[_RecordAtPoles]) -> DecayFit | None:
-    """Decay fit at its minimum `poles` (rad/s), with covariance from the noise around each mode; None if that is singular.
+    """Decay fit at its minimum `poles` (rad/s), with covariance from the noise around each mode.
 
-    `parts` are the projections at these poles, one for each record.
+    None if the matrix of the normal equations is singular. `parts` are the projections of the records of `data` at
+    these poles, one for each record.
     """
     n = len(poles)
     level = _noise(parts)

@@ -322,7 +322,7 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
 
 
 def _whole_windows(windows: Sequence[RecordPiece]) -> tuple[RecordPiece, ...]:
-    """Windows that join all pieces of each record, one for each record, by record number."""
+    """Windows that join all of `windows` of each record, one for each record, by record number; gaps are covered."""
     joined = []
     for number in sorted({piece.record for piece in windows}):
         pieces = [piece for piece in windows if piece.record == number]
@@ -391,10 +391,11 @@ def _inside(subspace: Subspace, order: int) -> FloatArray:
 def _turned(
     subspace: Subspace, right: FloatArray, left: FloatArray, order: int, x: ComplexArray, y: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Products T x (rank - order, k) and T' y (order, k), where T is the turn of the leading left singular vectors to the others.
+    """Products T x (rank - order, k) and T' y (order, k), T the turn of the leading left singular vectors to the rest.
 
-    The turn (rank - order, order) is that by one change of the matrix, to first order; `right` and `left` (rank, max_order) are
-    as in `SingularVectorChanges`. `x` is (order, k), `y` (rank - order, k).
+    T (rank - order, order) is the turn by one change of the matrix of `subspace`, to first order; `right` and `left`
+    (rank, max_order) are that change's products with singular vectors as in `SingularVectorChanges`. `x` is (order, k),
+    `y` (rank - order, k). NaN where singular values coincide.
     """
     inside, rest = _inside(subspace, order), subspace.singular[order:, None]
     mixed = np.where(np.isinf(inside), 0.0, right[order:, :order]) + rest * left[order:, :order] / inside

@@ -185,10 +185,10 @@ def error_deviations(
 ) -> SingularVectorChanges:
     """Deviations of the block Hankel matrix by 100 drawn errors of correlation functions between all channels.
 
-    Deviations are over the square root of 100, so that sums of their products are covariances. `averages` is the number
-    of averages behind each function; `rows` and `columns` are numbers of blocks of the matrix, and `max_order` is the
-    number of leading singular vectors by which deviations are multiplied. `subspace` has the decomposition of the
-    matrix.
+    Deviations are over the square root of 100, so that sums of their products are covariances. `record` has the
+    functions, `averages` is the number of averages behind each; `rows` and `columns` are numbers of blocks of the
+    matrix, and `max_order` is the number of leading singular vectors by which deviations are multiplied. `subspace` has
+    the decomposition of the matrix.
     """
     order = [record.references.index(dof) for dof in record.channels]
     scale = subspace.data.scale

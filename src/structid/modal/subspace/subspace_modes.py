@@ -152,8 +152,9 @@ def _modes(data: ScaledMotion, options: ModalOptions, method: str, is_decay: boo
 def _until_noise(data: ScaledMotion, motion: FreeDecay, n_least: int) -> ScaledMotion | None:
     """Records cut where the free decay falls to a tenth of the noise left; None if over half of the samples would stay.
 
-    The samples after that tell nothing of the modes, and their noise hides modes that die out early. `motion` is the
-    decay and residual of each record, `n_least` the least number of samples to keep of each record.
+    Decay and noise are compared as root mean squares over the channels of `data`. The samples after that tell nothing
+    of the modes, and their noise hides modes that die out early. `motion` is the decay and residual of each record,
+    `n_least` the least number of samples to keep of each record.
     """
     series = []
     for y, decay, rest in zip(data.series, motion.decay, motion.rest, strict=True):
@@ -208,7 +209,7 @@ def _with_left_over(
 
 
 def _add_candidates(data: ScaledMotion, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
-    """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
+    """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion on `data`.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out. At most four
     candidates in a row are tried without gain. `poles`, in rad/s too, and `candidates` are (n,) each.
@@ -308,11 +309,11 @@ def _keep_certain_modes(
 ) -> ModalIdentification:
     """Identification without modes whose frequency is less certain than their half-power bandwidth, or 2 / T if larger.
 
-    A standard deviation of the frequency above it counts, T is the duration of the longest record, and the limit is
-    half as large for modes with a probability below 0.3; modes without a deviation stay. Unless `motion`, the free
-    decay in the records, explains all, duplicates and modes with a phase collinearity below 0.5 are left out too. Where
-    it explains most and `options.deviation` is not set, a mode must also have a deviation of at most 0.5 % or 1 % of
-    the energy, and be no tone.
+    The measure is the standard deviation of the frequency; T is the duration of the longest record of `data`, and the
+    limit is half as large for modes with a probability below 0.3; modes without a deviation stay. Unless `motion`, the
+    free decay in the records, explains all, duplicates and modes with a phase collinearity below 0.5 are left out too.
+    Where it explains most and `options.deviation` is not set, a mode must also have a deviation of at most 0.5 % or 1 %
+    of the energy, and be no tone.
     """
     modes, std = identification.modes, identification.modes.frequency_std
     doubtful = identification.probability < _PERHAPS
@@ -517,9 +518,9 @@ def _pole_changes(
 ) -> PoleChanges | None:
     """Changes of the poles and shapes of the modes `picked` (order number, pole index) by the scatter of the data.
 
-    The scatter is that of noise where `motion` is a free decay throughout, else that between windows of the records.
-    None for fewer than two windows, or if the method gives no parts of its matrix. `sweep` are the poles of all orders;
-    `clusters` tell which further orders the deviations must serve.
+    The scatter is that of noise where `motion` is a free decay throughout, else that between windows of the records,
+    through the matrix of `subspace`. None for fewer than two windows, or if the method gives no parts of its matrix.
+    `sweep` are the poles of all orders; `clusters` tell which further orders the deviations must serve.
     """
     numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + numbers_of(clusters)
     highest = max(sweep[k].order for k in numbers) if motion.explains_most else sweep[-1].order
@@ -559,7 +560,8 @@ def surest_poles(
     def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
         """Standard deviations (2, n_poles) of frequencies (Hz), then damping ratios, of `poles` (rad/s).
 
-        `moved` (n_changes, n_poles) are the changes of the poles, rad/s.
+        `moved` (n_changes, n_poles) are the changes of the poles, rad/s; unless `piece` is None, they are first added
+        up over overlapping batches of pieces.
         """
         batches = moved if piece is None else overlapping_batches(moved, moved[:, None], piece, memory)[0]
         slope = frequency_damping_slope(poles)

@@ -174,10 +174,10 @@ def _likely_alone(
 
 
 def _frequency_spans(identification: ModalIdentification, taken: NDArray[np.bool_]) -> FloatArray:
-    """Frequency spans (Hz), (n_taken, 2), of the modes in the mask `taken` (n_modes,): lower and upper end of each.
+    """Frequency spans (Hz), lower and upper end, (n_taken, 2), of the modes in the mask `taken` (n_modes,).
 
-    A span reaches from the lowest to the highest pole of the mode, or lies at the mode where there are no clusters, and goes on
-    by half its half-power bandwidth on either side.
+    A span reaches from the lowest to the highest pole of the mode of `identification`, or lies at the mode where there
+    are no clusters, and goes on by half its half-power bandwidth on either side.
     """
     modes = identification.modes
     width = np.nan_to_num(modes.damping_ratio) * modes.frequency
@@ -190,11 +190,11 @@ def _frequency_spans(identification: ModalIdentification, taken: NDArray[np.bool
 def _limited(
     identification: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float, others: FloatArray
 ) -> ModalIdentification:
-    """Identification with the modes marked in `keep_mode` (n_modes,), and other poles from `least` to below `greatest` (Hz).
+    """Identification with the modes marked in `keep_mode` (n_modes,), and other poles from `least` to below `greatest`.
 
-    Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow. Other poles within `others`
-    (n_others, 2), the frequency spans (Hz) of modes that the other analysis gives, are left out. Of `left_out` those between
-    `least` and `greatest` are kept.
+    Both are in Hz. Poles that belong to a kept mode stay in `sweep` wherever they lie; indices in clusters follow.
+    Other poles within `others` (n_others, 2), the frequency spans (Hz) of modes that the other analysis gives, are left
+    out. Of `left_out` those between `least` and `greatest` are kept.
     """
     modes = identification.modes
     clusters = (

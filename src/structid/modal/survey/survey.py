@@ -248,8 +248,9 @@ def _modes_of_averages(
 ) -> ModesResult:
     """Modes of the stored spectra or correlation functions in a file; `kind` is "spectrum" or "correlation".
 
-    `geometry` is a file of node positions, or None for those that a universal file holds itself. Raises `InputError` if
-    an option is set that the method does not use, `NoModesError` if no mode is found.
+    `options` are those of the identification, `read` those of reading. `geometry` is a file of node positions, or None
+    for those that a universal file holds itself. Raises `InputError` if an option is set that the method does not use,
+    `NoModesError` if no mode is found.
     """
     record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
     is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")
@@ -358,9 +359,10 @@ def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
 
 
 def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
-    """Sampling rate (Hz) to decimate to: `options.rate`, else about 4 times the highest frequency wanted; None to keep it.
+    """Sampling rate (Hz) to decimate to: `options.rate`, else about 4 times the highest frequency wanted.
 
-    The highest frequency is that of `options.band` and `options.frequencies`; at least about 500 samples are left.
+    That is the highest of `options.band` and `options.frequencies`; at least about 500 samples of `record` are left.
+    None, to keep the record's rate, without these, or if not even every second sample can be spared.
     """
     if options.rate is not None:
         return options.rate
@@ -427,8 +429,9 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
     """Median kurtosis over channels of narrow-band motion at each mode, (n_modes,): 1.5 for a tone, 3 if random.
 
-    NaN for FRFs, for damping ratios of 0.001 and more, for modes of a free decay whose damping is significant (no tone
-    dies out), and for frequencies above 0.8 of half the sampling rate.
+    The motion is that of `record` at the modes of `identification`. NaN for FRFs, for damping ratios of 0.001 and more,
+    for modes of a free decay whose damping is significant (no tone dies out), and for frequencies above 0.8 of half the
+    sampling rate.
     """
     modes = identification.modes
     kurtosis = np.full(modes.n_modes, np.nan)
