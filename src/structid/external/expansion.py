@@ -167,8 +167,8 @@ class _Table:
     def __init__(self, evaluate: Evaluate, deck: Deck, axes: Mapping[str, _Axis]) -> None:
         """An empty table of numbers at points.
 
-        `evaluate` returns the numbers, (n_points, n_numbers), and the size of each at a sequence of parameter values;
-        `axes` has the range of each parameter of `deck` by name.
+        `evaluate` maps a sequence of parameter values by name to the numbers, (n_points, n_numbers), and the size of
+        each, (n_numbers,); `axes` has the range of each parameter of `deck` by name.
         """
         self.evaluate, self.deck, self.axes = evaluate, deck, axes
         self.rows: FloatArray = np.zeros((0, 0))
@@ -274,11 +274,12 @@ def _both(a: _Axis, b: _Axis, p: float, q: float) -> dict[str, float]:
 def _fit_products(
     table: _Table, polynomial: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
 ) -> dict[Powers, FloatArray]:
-    """Coefficients (n_numbers,), by powers, of products u_a^i u_b^j of two parameters; {} if `polynomial` misses nothing.
+    """Coefficients (n_numbers,), by powers, of products u_a^i u_b^j of two parameters; {} if none is missing.
 
-    u is the change of a parameter from its nominal value, as a part of that value, or of the step where it is 0. The products are
-    fitted, at the points of `table` where both parameters change, to the numbers less the nominal ones and less the terms of
-    `polynomial` with one parameter each. `orders` has the highest exponent of each parameter, by name.
+    `a` and `b` are their ranges; u is the change of a parameter from its nominal value, as a part of that value, or of
+    the step where it is 0. The products are fitted, at the points of `table` where both parameters change, to the
+    numbers less the nominal ones and less the terms of `polynomial` with one parameter each. `orders` has the highest
+    exponent of each parameter, by name.
     """
     points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
     powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))

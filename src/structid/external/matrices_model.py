@@ -196,7 +196,7 @@ class _Pattern:
         return values, np.sqrt(diagonal[kind, row_of] * diagonal[kind, column]) + 1e-12 * largest[kind]
 
     def matrices(self, row: FloatArray) -> dict[str, sparse.csc_array]:
-        """Sparse symmetric matrices by kind (mass, ...), from a row of entries (n_entries,)."""
+        """Sparse matrices (n_dofs, n_dofs) by kind (mass, ...): the symmetric parts of those in `row` (n_entries,)."""
         matrices, n = {}, len(self.codes)
         kind, column, row_of = self._rows_and_columns()
         for number, key in enumerate(self.codes_by_kind):

@@ -251,10 +251,11 @@ def _shapes_of_modes_file(path: Path) -> RunModes:
 def _sorted_shapes(
     path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
 ) -> RunModes:
-    """Modes sorted by frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes).
+    """Modes sorted by frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component (from 1).
 
-    `has_mass` says that the shapes have unit modal mass; `suffix` is the file's suffix, which decides the rounding of its
-    numbers ("" by default). `FileError` if a number is not finite or a shape is zero.
+    `values` (n_dofs, n_modes) are the shapes, in the order of `frequency`; `has_mass` says that they have unit modal
+    mass; `suffix` is the file's suffix, which decides the rounding of its numbers ("" for the usual one). `FileError`
+    if numbers of both differ, a number is not finite or a shape is zero.
     """
     frequencies = np.asarray(frequency, dtype=np.float64)
     if len(frequencies) != values.shape[1]:

@@ -307,7 +307,7 @@ def _last_words(folder: Path) -> str:
 
 
 def _keep_failed_run(solver: Solver, trial: Path) -> None:
-    """Move the folder `trial` of a failed run to `failed` beside the runs, in place of an earlier one."""
+    """Move the folder `trial` of a failed run to `failed` beside the runs of `solver`, in place of what was there."""
     last = solver.folder / "failed"
     shutil.rmtree(last, ignore_errors=True)
     with suppress(OSError):  # another worker's failure was faster
@@ -315,7 +315,10 @@ def _keep_failed_run(solver: Solver, trial: Path) -> None:
 
 
 def _remove_stale_folders(folder: Path) -> None:
-    """Remove the trial folders in `folder` that killed runs left behind, a week after their last change."""
+    """Remove the trial folders in `folder` that killed runs left behind, a week after their last change.
+
+    All hidden folders with a second point in their names count as such.
+    """
     for path in folder.glob(".*.*"):
         with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
             if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:

@@ -190,7 +190,7 @@ def _take_apart(path: Path) -> _Segment:
 
 
 def _count_rows(segment: _Segment, column: int, n_samples: int, layout: str) -> int:
-    """Number of rows that belong to a channel, also those that were appended and continue its times.
+    """Number of rows of `segment` that belong to a channel, also those that were appended and continue its times.
 
     It ends with the last filled cell. `column` is the channel's column (from 0), `n_samples` the number in its head,
     and `layout` says which columns have times ("No" for none).

@@ -151,14 +151,14 @@ def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndar
 def matlab_73(path: str) -> dict[str, StoredEntry]:
     """Every variable of numbers or texts of the MAT file at `path` of version 7.3 (HDF5), by name.
 
-    Fields as ``name.field``. `UnusableError` if the file has links to other files.
+    Fields of a struct are named ``name.field``. `UnusableError` if the file has links to other files.
     """
     import h5py
 
     variables: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note the dataset `item` by its `name`, with points for slashes.
+        """Add the variable in the dataset `item` to `variables` by its `name`, with points for slashes.
 
         MATLAB's own groups, and what is no variable, are left out.
         """

@@ -137,7 +137,7 @@ def track_modes(
 
 
 def _at_sensors(record: ModalRecord, sensors: Sequence[Dof]) -> ModalRecord:
-    """Record of the modes at `sensors` (positive directions), in their order, with signs of shapes turned accordingly."""
+    """The modes of `record` at `sensors` (positive directions) alone, in this order, with signs of shapes turned."""
     rows, signs = rows_and_signs(record, sensors)
     few = record.some_channels(rows)
     changes = few.changes and replace(few.changes, mode_shapes=signs * few.changes.mode_shapes)

@@ -49,19 +49,26 @@ class LineScatter(NamedTuple):
 def line_scatter(record: FrfRecord, stated: FloatArray) -> LineScatter:
     """The scatter of neighbouring lines of `record`, beside the noise that is stated.
 
-    A smooth response cancels in sixth differences of evenly spaced lines, noise that is independent from line to line does not
-    (the weights of a difference of order p have the sum of squares C(2 p, p)). The floor is the median of these differences over
-    the quiet windows.
+    A smooth response cancels in sixth differences of evenly spaced lines, noise that is independent from line to line
+    does not (the weights of a difference of order p have the sum of squares C(2 p, p)). The floor is the median of
+    these differences over the quiet windows, the half with the smallest mean square of their values.
 
-    It is 0 for all pairs where the record has fewer than 80 evenly spaced windows. It is 0 for a pair whose fourth differences
-    give another size (the noise is not independent, or the lines do not resolve the response), whose values turn from line to
-    line (as under a delay of about half the reciprocal line spacing), or that does not scatter at all.
+    It is 0 for all pairs where the record has fewer than 80 evenly spaced windows. It is 0 for a pair whose fourth
+    differences give another size (the noise is not independent, or the lines do not resolve the response), whose values
+    turn from line to line (as under a delay of about half the reciprocal line spacing), or that does not scatter at
+    all.
 
     Parameters
     ----------
     record : FrfRecord
     stated : (n_lines, n_outputs, n_inputs) float array
         Variance E|error|^2 that the complex values are said to have.
+
+    Returns
+    -------
+    LineScatter
+        Floor (standard deviation of the complex noise, in the unit of the record), and scatter over stated deviation in
+        the quiet and in the loud windows, (n_outputs, n_inputs) each; the latter two are NaN where the floor is 0.
     """
     shape, n_windows = record.values.shape[1:], len(record.frequency) - _ORDER
     scatter = LineScatter(np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan))
@@ -114,7 +121,10 @@ def with_noise_floor(record: FrfRecord, floor: FloatArray) -> FrfRecord:
 
 
 def _evenly_spaced(frequency: FloatArray) -> NDArray[np.bool_]:
-    """True for each window of seven lines whose spacings are the median one, (n_lines - 6,); empty for fewer lines."""
+    """True for each window of seven lines of `frequency` whose spacings are the median one to 0.1 %, (n_lines - 6,).
+
+    Empty for fewer than seven lines.
+    """
     spacing = np.diff(frequency)
     if len(spacing) < _ORDER:
         return np.zeros(0, dtype=bool)

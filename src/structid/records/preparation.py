@@ -204,9 +204,9 @@ def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
 
 
 def _select_channels(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
-    """`record` with the channels in `wanted.channels` only, in that order; all if None. A sentence is appended to `steps`.
+    """`record` with the channels in `wanted.channels` only, in that order, and a sentence appended to `steps`.
 
-    Raises `InputError` if one of them is missing.
+    It is returned as it is if they are None. Raises `InputError` if one of them is missing, or none is named.
     """
     if wanted.channels is None:
         return record

@@ -105,9 +105,9 @@ def clipped_samples(y: FloatArray) -> Flags:
     """Mask (n_times,) of samples of `y` at its highest or lowest value because the converter or amplifier saturates.
 
     That value must lie half a standard deviation from the median, occur 2.5 times as often as the next two steps of the
-    converter together, and at least three times in a row away from the ends or 20 times in all. A smooth crest in
-    coarse steps gives at most 1.4 times (levels in the ratio 1 : 0.41 : 0.32). None are flagged where `y` has fewer
-    than four values. Signals that were filtered or resampled after clipping are not recognised.
+    converter together and four times at least, and away from the ends three times in a row, or 20 times in all. A
+    smooth crest in coarse steps gives at most 1.4 times (levels in the ratio 1 : 0.41 : 0.32). None are flagged where
+    `y` has fewer than four values. Signals that were filtered or resampled after clipping are not recognised.
     """
     flags = np.zeros(len(y), dtype=bool)
     levels, counts = np.unique(y, return_counts=True)
@@ -318,10 +318,11 @@ def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None
 
 
 def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | None) -> list[Finding]:
-    """Finding if the record holds too few periods of the lowest frequency of `band`, or of its slow motion; else empty.
+    """One finding if the record has too few periods of the lowest frequency of `band`, or of its slow motion; else [].
 
     `motion` are the indices of the motion channels. Too few are fewer than 20 periods of the lower end of the `band`,
-    in Hz, or without a band 3 periods of the frequency below which half the power lies.
+    in Hz ("unusable" below 3, else a warning), or without a band 3 periods of the frequency below which half the power
+    lies.
     """
     n = len(record.values)
     duration = n / record.sampling_rate
@@ -386,9 +387,10 @@ def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatA
 
 
 def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Finding if a channel has over 5 % of its power above 0.9 times half the sampling rate; else empty.
+    """One finding if a channel has over 5 % of its power above 0.9 times half the sampling rate; else an empty list.
 
-    An anti-alias filter leaves little there. `motion` are the indices of the motion channels.
+    An anti-alias filter leaves little there. It names the worst channel. `motion` are the indices of the motion
+    channels of `record`.
     """
     lines, power = _power(record, motion, min(512, len(record.values) // 2))
     nyquist = record.sampling_rate / 2
@@ -433,7 +435,8 @@ def _harmonic_at(
 ) -> Finding | None:
     """Finding on a line of steady amplitude near `frequency` Hz in any channel; None if there is none.
 
-    `power` (n_lines, n_channels) belongs to `lines` in Hz; `motion` are the indices of the motion channels.
+    `power` (n_lines, n_channels) belongs to `lines` in Hz; `motion` are the indices of the motion channels of `record`.
+    Near is within 0.1 Hz or 1.5 lines, whichever is more.
     """
     from scipy.stats import chi2
 

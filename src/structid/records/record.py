@@ -155,8 +155,9 @@ class FrfRecord(Shown):
     def __post_init__(self) -> None:
         """Make arrays read-only and channels `Dof`, and raise `InputError` on what makes no FRF record.
 
-        Frequencies must increase from 0 or more, values be complex and finite, channels be named once, `coherence` be
-        from 0 to 1, and variances, sizes and `decay` at least 0.
+        Frequencies must increase from 0 or more, values be finite, and complex unless real ones are negative somewhere
+        (magnitudes are refused), channels be named once, `coherence` be from 0 to 1, variances, sizes and `decay` at
+        least 0, and `segment` above 0.
         """
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         if _is_magnitude(np.asarray(self.values)):

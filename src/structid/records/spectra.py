@@ -82,7 +82,8 @@ def frf_from_time(
     window : str or tuple
         As `scipy.signal.get_window` takes it; ``"boxcar"`` or ``("exponential", 0.0, samples)`` for impacts.
     detrend : {"constant", "linear", "none"}
-        What is taken off each segment before the window. Without ``"none"`` the line at 0 Hz is left out.
+        What is taken off each segment before the window. The line at 0 Hz is left out, unless it is ``"none"`` and
+        outputs are of one quantity.
     quantity : str, optional
         Which to use where a degree of freedom has several; the kind of the FRFs. By default that of most outputs.
 
@@ -183,9 +184,10 @@ def _loads_and_sensors(
 
 
 def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> list[Quantity]:
-    """Quantity of motion to use for each of `outputs`; `wanted` for an output with several.
+    """Quantity of motion to use for each of `outputs` of `record`; `wanted` for an output with several.
 
-    Raises `InputError` if an output is no motion channel, or has several quantities and `wanted` is None or not among them.
+    Raises `InputError` if there are no outputs, one is no motion channel or has several quantities and `wanted` is None
+    or not among them, or `wanted` is no quantity of motion.
     """
     if not outputs:
         raise InputError("`outputs` must name at least one channel, got none")
@@ -205,7 +207,7 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
 
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
-    """Column index of the channel with each of `dofs` and its entry of `quantities`.
+    """Column index in `record` of the channel with each of `dofs` and its entry of `quantities`.
 
     `InputError` if one is missing, or `dofs` is empty.
     """
@@ -232,10 +234,10 @@ def _average_spectra(
 ) -> tuple[Spectra, int]:
     """Spectra averaged over all segments, in the order inputs, outputs by inputs, outputs, and the number of segments.
 
-    They are (n_lines, n_inputs, n_inputs), (n_lines, n_outputs, n_inputs) and, autospectra alone, (n_lines, n_outputs).
-    `columns` are the indices of inputs and of outputs, `weights` (segment_length,) those of the window; segments begin
-    `step` samples apart, and `detrend` is taken off each. Raises `InputError` if it is unknown or no record is as long
-    as a segment.
+    They are (n_lines, n_inputs, n_inputs), (n_lines, n_outputs, n_inputs) and, autospectra alone, (n_lines, n_outputs),
+    not scaled. `columns` are the indices of inputs and of outputs in each of `records`, `weights` (segment_length,)
+    those of the window; segments begin `step` samples apart, and `detrend` is taken off each. Raises `InputError` if it
+    is unknown or no record is as long as a segment.
     """
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")

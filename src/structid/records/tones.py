@@ -404,7 +404,7 @@ class _Search:
         return _judge_blocks(blocks, phase, max(1, len(phase.coefficients)), noise)
 
     def refined(self, phase: _Phase) -> _Phase:
-        """Phase after two Gauss-Newton steps: spline coefficients of a wandering tone, or frequency of a steady one.
+        """The `phase` after two Gauss-Newton steps: spline coefficients if it wanders, else frequency.
 
         The motion is demodulated anew for each step.
         """
@@ -506,9 +506,9 @@ def _line_noise(blocks: ComplexArray) -> FloatArray:
 def _judge_blocks(blocks: ComplexArray, phase: _Phase, n_fitted: int, noise: FloatArray) -> _Evidence:
     """Evidence for a tone in demodulated `blocks` (n_blocks, n_channels), against a mode of 0.1 % damping or more.
 
-    It holds `phase`, the logarithm of the probability that random motion shows as strong a line, the kurtosis (1.5 for
-    a tone alone, 3 for random motion), and the log-likelihood that the tone adds for each channel, less what `n_fitted`
-    coefficients of the phase cost. `noise` (n_channels,) is the power of a line of random motion.
+    It holds `phase`, the natural logarithm of the probability that random motion shows as strong a line, the kurtosis
+    (1.5 for a tone alone, 3 for random motion), and the log-likelihood that the tone adds, as mean over the channels,
+    less what `n_fitted` coefficients of the phase cost. `noise` (n_channels,) is the power of a line of random motion.
     """
     n = len(blocks)
     lines = np.fft.fft(blocks / np.sqrt(noise), axis=0) / np.sqrt(n)

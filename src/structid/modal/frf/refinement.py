@@ -370,7 +370,7 @@ def refined(
         return start, True
 
     def normal(changes: FloatArray) -> NormalEquations:
-        """Gauss-Newton matrix, gradient and misfit at `start` plus `changes` (n_free,) of its free unknowns."""
+        """Gauss-Newton matrix, gradient of half the misfit, and misfit, `changes` (n_free,) away from `start`."""
         matrix, gradient, cost = np.zeros((n_free, n_free)), np.zeros(n_free), 0.0
         for block in output_blocks(data, start.moved(changes), start.free):
             matrix = matrix + block.slope.T @ block.slope

@@ -173,7 +173,11 @@ def read_record(path: str | os.PathLike[str], options: ReadOptions | None = None
 
 
 def _require_applicable(path: Path, module: FormatModule | LoggerFormat, options: ReadOptions) -> None:
-    """Raise `InputError` if an option was set that the format `module` of the file at `path` cannot use."""
+    """Raise `InputError` if an option was set that the format `module` of the file at `path` cannot use.
+
+    Such `options` are `csv`, `columns`, `time_column`, `axes` and `resample`; others are judged by the formats
+    themselves.
+    """
     options_given = options.given()
     if "csv" in options_given and module is not CSV:
         raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")

@@ -242,10 +242,10 @@ def marked_statistic(name: str, statistic: str) -> str:
 
 
 def statistic_word(name: str, names: Sequence[str]) -> str:
-    """The word by which a header says that each row is a statistic of an interval, such as ``Avg``; "" for none.
+    """The word by which the header `name` calls each row a statistic of an interval, such as ``Avg``; "" for none.
 
-    ``Max``, ``Min`` and ``Std`` at the end count only if a second header of the file, of all its `names`, ends with such a
-    word: a single ``Pos max`` is a sensor.
+    ``Max``, ``Min`` and ``Std`` at the end count only if a second header of the file, of all its `names`, ends with
+    such a word: a single ``Pos max`` is a sensor.
     """
     marked = _MARKED.search(name[-_LONGEST_HEAD:])
     if marked:

@@ -149,7 +149,7 @@ def _resample_channels(
 
 
 def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions) -> int | None:
-    """Index of the channel that holds the times: `time_column` if set, else the first whose name is that of a time.
+    """Index in `channels` of the one with the times: `options.time_column` if set, else the first named as a time.
 
     None if there is none, or if `time_column` is not set and any channel states its sampling rate.
     """

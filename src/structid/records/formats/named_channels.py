@@ -244,7 +244,7 @@ def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRe
 
 
 def _require_no_times(part: NamedChannels) -> None:
-    """Raise `InputError` if a channel, but not every one, rises in even steps, as times and counts do.
+    """Raise `InputError` if a channel of `part`, but not every one, rises in even steps, as times and counts do.
 
     One whose header states a unit of motion or force is a load or a sensor that was moved evenly.
     """
@@ -298,11 +298,11 @@ def _channels_by_option(part: NamedChannels, options: ReadOptions) -> tuple[Dof,
 def _units_of(
     part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions, names: Sequence[str]
 ) -> tuple[tuple, FloatArray]:
-    """Quantities of the channels and their factors to SI, (n_channels,), from the file or from `units` and `quantities`.
+    """Quantities of the channels and their factors to SI, (n_channels,), from the file or `units` and `quantities`.
 
-    `names` are those of all channels of the file.
-
-    Raises `FileError` if a unit is missing, unknown or does not fit the channel, `InputError` if file and options differ.
+    `part` has the file's units of the channels, `channels` their degrees of freedom; `names` are those of all channels
+    of the file. Raises `FileError` if a unit is missing, unknown or does not fit the channel, `InputError` if file and
+    `options` differ.
     """
     unit_texts = part.told_units
     by_file: list[Unit | None] = []
@@ -383,7 +383,8 @@ def _unit(text: str, is_given: bool) -> Unit | None:
 def _describe_reading(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
     """A sentence on what was read: number of columns, samples, rate, units, and columns whose names were replaced.
 
-    `part` are the channels as the file has them, `channels` the degrees of freedom that they are read as.
+    `part` are the channels as the file has them, `channels` the degrees of freedom that they are read as;
+    `options.units` are named, where set, in place of the file's.
     """
     units = part.told_units
     if options.units:

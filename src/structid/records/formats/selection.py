@@ -58,7 +58,8 @@ def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof,
 def _select_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
     """The FRF record reduced to the outputs and inputs in `options`, in their order; all of them if not set.
 
-    Raises `InputError` for options of time histories, and for a `kind` that contradicts the record.
+    `options.averages` replaces the number of averages if set. Raises `InputError` for a channel that is missing, for
+    options of time histories, and for a `kind` that contradicts the record.
     """
     refuse_options(path, "frequency response functions", options, _OF_HISTORIES)
     if options.kind and options.kind != record.kind:

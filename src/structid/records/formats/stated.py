@@ -137,7 +137,8 @@ def require_agreement(
 def _numbers_of(value: np.ndarray | tuple[str, ...], plain: str) -> np.ndarray | None:
     """The numbers of a statement as floats, of a rate or step in words (``200 Hz``) in Hz or s; None if it holds none.
 
-    `plain` is the last part of its name in small letters.
+    `value` is what the statement holds, an array of its shape or texts; `plain` is the last part of its name in small
+    letters.
     """
     if isinstance(value, np.ndarray):
         return value.astype(float) if value.dtype.kind in "fiu" else None

@@ -146,9 +146,10 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
 def _time_column(table: Table, options: ReadOptions) -> int | None:
     """Index of the column of times, from 0; None if the table has none and the option `sampling_rate` replaces it.
 
-    `time_column` decides if set; else the first column headed as time that is no mere date, else a column of dates with
-    clock times. A column X beside Y and Z is no time, nor, with `sampling_rate`, is one that `columns` name. Raises
-    `FileError` if there is none and `sampling_rate` is not set.
+    `options.time_column` decides if set; else the first column headed as time that is no mere date, a column of dates
+    with clock times, a mere date headed as time, or dates in column 0, in this order. A column X beside Y and Z is no
+    time, nor, with `sampling_rate`, is one that `columns` name. Raises `FileError` if there is none and `sampling_rate`
+    is not set.
     """
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
@@ -205,7 +206,8 @@ def _require_one_clock(table: Table, axis: int, options: ReadOptions) -> None:
     """Raise `InputError` if a further column headed as time is another clock than the column with index `axis`.
 
     Such tables hold pairs of times and samples for several channels. Another clock runs faster or slower over the rows
-    that hold both times, or has the same name and starts at another time. A column that does not rise is no clock.
+    that hold both times, or has the same name and starts at another time. A column that does not rise is no clock, nor
+    is one whose unit neither `table` nor `options` state.
     """
     clocks = [
         j for j, name in enumerate(table.names) if name_and_unit(name)[0].lower() not in ("x", "t") and is_time(name)
@@ -510,10 +512,10 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_ColumnHeader]:
 
 
 def _resolve_decibels(table: Table, j: int, head: _ColumnHeader, options: ReadOptions) -> _ColumnHeader:
-    """`head` of column `j`; of magnitudes in decibels with the unit of their reference, and the size that 0 dB stands for.
+    """Header `head` of column `j` of `table`; for decibels, with the unit of their reference and the size of 0 dB.
 
-    Raises `FileError` for a level, mean or density other than a magnitude in decibels, and for one whose reference
-    neither the header nor `options.unit` says.
+    Other headers are returned as they are. Raises `FileError` for a level, mean or density other than a magnitude in
+    decibels, and for one whose reference neither the header nor `options.unit` says.
     """
     word = level_word(f"{table.names[j]} {table.units[j]}")
     if not word:
@@ -568,7 +570,7 @@ def _without_estimator(output: str, load: str) -> str:
 
 
 def _phase_unit(table: Table, j: int, in_name: str | None) -> str:
-    """Unit text of the phases in column `j`, from its header or from the line of units below; "" if neither states it.
+    """Unit text of the phases in column `j` of `table`, from its header or the line of units below; "" without either.
 
     `in_name` is the unit in the header, None if there is none. Raises `FileError` if both are stated and differ.
     """
@@ -656,10 +658,11 @@ def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[s
 def _parse_column(
     table: Table, j: int, head: _ColumnHeader, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
 ) -> _Column:
-    """Degrees of freedom, unit, part, factor to SI (of decibels, that of 0 dB) and whether it is in decibels, of column `j`.
+    """Degrees of freedom, unit, part, factor to SI and whether it is in decibels, of column `j` of `table`.
 
-    The unit is None for phases and coherences. `outputs` and `inputs` map the table's names to degrees of freedom where
-    these differ. `head` is what the header says. Raises `FileError`, with line and column, if the header cannot be read.
+    The factor of decibels is that of 0 dB; the unit is None for phases and coherences. `head` is what the header says,
+    whose unit, if missing, is `options.unit`. `outputs` and `inputs` map the table's names to degrees of freedom where
+    these differ. Raises `FileError`, with line and column, if the header cannot be read.
     """
     try:
         output = parse_dof(outputs.get(head.output, head.output))

@@ -241,7 +241,7 @@ def recognise_layout(path: Path, text: str, layout: CsvLayout) -> Grid:
 def _blank_rows_above_numbers(cells: Sequence[list[str]], header_rows: int | None) -> range:
     """Indices of the rows without a cell between the header and the first row of numbers; empty if there are none.
 
-    Those among the first `header_rows` belong to the header; None for any number.
+    `cells` are those of every row. Blank rows among the first `header_rows` belong to the header; None for any number.
     """
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), 0)
     begin = first

@@ -413,9 +413,10 @@ def _where(grid: Grid) -> str:
 
 
 def _footer_error(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
-    """The error to raise if row `i` begins a footer, a few last lines with text; None if it does not.
+    """The error to raise if row `i` of `grid` begins a footer, a few last lines with text; None if it does not.
 
-    `count` is the number of columns.
+    `count` is the number of columns. A footer has at most a few rows, none of them complete with numbers, and begins
+    with words; a last row of numbers with one bad cell, or the first row of the table, is none.
     """
     tail, n_left = grid.rows[i:], len(grid.rows) - i
     while len(tail) and not any(cell.strip() for cell in tail[0]):

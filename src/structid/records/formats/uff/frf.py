@@ -232,7 +232,7 @@ def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
 def _frf_scale(
     path: Path, function: Dataset58, pair: Pair, factors: UnitFactors | None, options: ReadOptions
 ) -> tuple[FrfKind, float]:
-    """Kind and factor to SI of an FRF, from the option `unit`, or from data types, labels and dataset 164.
+    """Kind and factor to SI of the FRF `function`, from `options.unit`, or from data types, labels and dataset 164.
 
     `pair` is (output, input), `factors` are those of dataset 164, None without. Raises `InputError` if the option does
     not fit the directions, `FileError` if types, labels, dataset 164 and directions contradict each other.
@@ -355,7 +355,7 @@ def _belongs(coherence: Dataset58, frf: Dataset58) -> bool:
 
 
 def _averages(frfs: Sequence[Dataset58]) -> int | None:
-    """Number of averages in the title lines of the FRFs, if all state the same; else None."""
+    """Number of averages in the title lines of `frfs`, if all state the same; else None."""
     counts = set()
     for function in frfs:
         match = AVERAGES.search(function.titles)

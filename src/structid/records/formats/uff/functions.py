@@ -100,7 +100,7 @@ class Dataset58:
 
 
 def require_one_component(path: Path, functions: Sequence[Dataset58]) -> None:
-    """Raise `FileError` if a node number belongs to several components, by the names stored beside the nodes.
+    """Raise `FileError` if a node number of `functions` is in several components, by names stored beside the nodes.
 
     A name beside several different nodes counts as a component; a name beside a single node is a channel label.
     """
@@ -219,10 +219,10 @@ def _parse_characteristics(line: str) -> Characteristics:
 
 
 def _text_values(where: str, block: UffDataset, points: int, columns: int) -> FloatArray:
-    """Values of an ASCII dataset, (`points`, `columns`); zeros that fill up the last line are dropped.
+    """Values of the ASCII dataset `block`, (`points`, `columns`); zeros that fill up the last line are dropped.
 
-    `where` names the dataset in errors. Raises `FileError` if numbers are missing or left over. `points` and `columns`
-    are their numbers as the header says.
+    `points` and `columns` are their numbers as the header says, `where` names the dataset in errors. Raises `FileError`
+    if numbers are missing or left over.
     """
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
@@ -243,10 +243,11 @@ def _text_values(where: str, block: UffDataset, points: int, columns: int) -> Fl
 def _binary_values(
     where: str, block: UffDataset, points: int, per_value: int, item: int
 ) -> tuple[FloatArray | None, FloatArray]:
-    """Abscissa (`points`,) and values (`points`, `per_value`) of a binary dataset 58b; the abscissa is None if evenly spaced.
+    """Abscissa (`points`,) and values (`points`, `per_value`) of `block`, a binary dataset 58b.
 
-    `where` names the dataset in errors; each value has `per_value` numbers (2 if complex) of `item` bytes. Raises `FileError` if
-    the form of its numbers is not read.
+    The abscissa is None if evenly spaced; each value has `per_value` numbers (2 if complex) of `item` bytes. `where`
+    names the dataset in errors. Raises `FileError` if the form of its numbers, or their byte order, is not as its first
+    line says.
     """
     words = block.head.split()
     try:

@@ -293,9 +293,10 @@ def _scaled_matrix(
 
 
 def _spectrum_values(path: Path, function: Dataset58, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
-    """Complex values of a spectrum, (n_lines,), conjugated if `is_reverse`; `pair` is (response, reference).
+    """Complex values of the spectrum `function`, (n_lines,), conjugated if `is_reverse`.
 
-    Raises `FileError` if an autospectrum is not real and positive, or a cross-spectrum is real.
+    `pair` is (response, reference). Raises `FileError` if an autospectrum is not real and positive, or a cross-spectrum
+    is real.
     """
     response, reference = pair
     values = np.asarray(function.values, np.complex128)
