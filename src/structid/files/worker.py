@@ -76,7 +76,10 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     entries: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note shape, type and position of the dataset `item` by its `name`; nothing of groups and of datasets without shape."""
+        """Add [shape, type, position] of the dataset `item` to `entries` by its `name`.
+
+        Groups and datasets without a shape are passed over.
+        """
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
