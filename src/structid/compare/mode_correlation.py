@@ -400,7 +400,7 @@ class ModesCorrelation:
         return ShapeQuantity(value, std, by_noise)
 
     def _has_stated_errors(self, mode: int) -> bool:
-        """True if the record states the error of every known entry of the shape of a measured mode (from 0)."""
+        """True if the record states the errors of the shape of measured mode `mode` (from 0) at every known entry."""
         measured = self.measured
         if measured.changes is not None:
             return True

@@ -245,7 +245,7 @@ def _difference_text(value: float) -> str:
 def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:
     """Figure of reproduced panels, at most two in a row; curves of one label have the same colour in all panels.
 
-    A label is that of the legend, which names a band.
+    Labels are those of the legend, with the words on a band if the curve has one.
     """
     columns = min(2, len(panels))
     labels = list(dict.fromkeys(_label(curve) for panel in panels for curve in panel.curves))

@@ -50,10 +50,12 @@ class Workbenches:
     def open(self, folder: Path) -> Access:
         """Access to `folder`, with its address and token; a folder that is open already keeps its access.
 
+        The folder is remembered among the user's recent ones.
+
         Raises
         ------
         FileError
-            If there is no such folder.
+            If there is no such folder, or it cannot be read.
         """
         opened = open_study_folder(folder)
         with self._opening:

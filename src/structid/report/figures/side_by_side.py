@@ -92,7 +92,7 @@ class _Scene:
 
 
 def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
-    """Animated figure of the first 24 mode shapes of a model at most, at equal scales of the largest motion.
+    """Animated figure of the first 24 mode shapes of a model at most, each scaled to the same largest motion.
 
     None if there are no modes, or nodes all have the same position or cannot move.
     """

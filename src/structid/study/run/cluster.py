@@ -132,7 +132,10 @@ class Cluster(RemoteWorkers):
             time.sleep(0.5)
 
     def close(self) -> None:
-        """Disconnect from the cluster, which keeps running without this process."""
+        """Disconnect from the cluster, which keeps running without this process.
+
+        Its workers forget the shared objects that were sent to them.
+        """
         logger = logging.getLogger("distributed")
         level = logger.level
         logger.setLevel(logging.CRITICAL)  # a scheduler that is gone is told in our words, not by its traceback as well

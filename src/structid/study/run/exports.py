@@ -535,8 +535,9 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
 def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
     """Covariance of frequencies (Hz), then damping ratios, of the lowest modes, (2 n_modes, 2 n_modes), to first order.
 
-    Parameters are moved along each column of a factor of their covariance, which is one standard deviation; a parameter
-    is kept at 0.1 % of its value or more. Modes are matched by their shapes.
+    Parameters are moved along each column of a factor of their covariance, which is one standard deviation; a moved
+    parameter is at least 0.1 % of its magnitude. Modes are matched by their shapes, in the order of the identified
+    model.
     """
     structure, n_factors = model.structure, model.factor.shape[1]
     evaluate = NaturalModes(n_modes).evaluator(structure, model.parameters, [model.physical])

@@ -66,7 +66,7 @@ def _scene(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
 
 
 def _channels(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
-    """Channels of record `number` (from 0) of a study, with their nodes and directions on the structure.
+    """Channels of record `number` (from 0) of the study at the path `study`, with their nodes and directions.
 
     ``record`` lists the record's file names, of which the first is read; ``channels`` is as from `placed_channels`.
     `InputError` if that file is missing.
@@ -138,11 +138,11 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Store
 
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> StoredEntry:
-    """Magnitude, phase and coherence of a study's FRF record, with the study's frequency band and excluded bands (Hz).
+    """Magnitude, phase and coherence of the FRF record of the study at the path `study`, with its bands (Hz).
 
     `outputs` are names of channels, all if empty; `number` counts the study's records from 0. The answer has ``band``,
-    ``exclude`` and the keys of `structid.workbench.work.signals.responses`: ``frequency`` (Hz), ``pairs``, packed arrays of each
-    output and input, and what describes them. `InputError` if the record holds modes.
+    ``exclude`` (excluded bands) and the keys of `structid.workbench.work.signals.responses`: ``frequency`` (Hz),
+    ``pairs``, packed arrays of each output and input, and what describes them. `InputError` if the record holds modes.
     """
     from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
@@ -201,10 +201,11 @@ def _check(opened: OpenFolder, study: str) -> StoredEntry:
 
 
 def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> StoredEntry:
-    """FRF magnitudes of a study's model at its start values, at the used lines of record `number` (counted from 0).
+    """FRF magnitudes of the study's model at its start values, at the used lines of record `number` (counted from 0).
 
-    ``frequency`` (Hz) is packed and thinned where there are many lines; ``channels`` are mappings of name and packed magnitude.
-    For a record without FRFs, or responses that are not finite, ``channels`` is empty and there is no ``frequency``.
+    `study` is the path of the study. ``frequency`` (Hz) is packed and thinned where there are many lines; ``channels``
+    are mappings of name and packed magnitude. For a record without FRFs, or responses that are not finite, ``channels``
+    is empty and there is no ``frequency``.
     """
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
@@ -215,11 +216,11 @@ def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> Stored
 
 
 def _needs(opened: OpenFolder, study: str) -> StoredEntry:
-    """Memory (bytes) and duration (s) that a study's identification is expected to take.
+    """Memory (bytes) and duration (s) that the identification of the study at the path `study` is expected to take.
 
-    ``bytes`` is needed and ``free`` is available. The run takes ``seconds`` at least and ``most_seconds`` if causes of a misfit
-    are sought, for ``causes_seconds``; an iteration takes ``iteration_seconds``. ``is_tried`` is True if the search was tried
-    to its end.
+    ``bytes`` is needed and ``free`` is available. The run takes ``seconds`` at least and ``most_seconds`` if causes of
+    a misfit are sought, for ``causes_seconds``; an iteration takes ``iteration_seconds``. ``is_tried`` is True if the
+    search was tried to its end.
     """
     from structid.study.run.resources import available_bytes, expected
     from structid.study.schema.study import load_study
@@ -237,9 +238,10 @@ def _needs(opened: OpenFolder, study: str) -> StoredEntry:
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> StoredEntry:
-    """Best positions for `sensors` sensors, and loads, of a study's planned test, with predicted relative standard deviations.
+    """Best positions for `sensors` sensors, and loads, of the test that the study at the path `study` plans.
 
-    ``sensors`` and ``loads`` are names of degrees of freedom; ``parameters`` are mappings with ``name`` and ``relative``.
+    ``sensors`` and ``loads`` are names of degrees of freedom; ``parameters`` are mappings with ``name`` and
+    ``relative``, the predicted standard deviation relative to the initial value.
     """
     from structid.study.schema.plan import load_plan, planned
 
@@ -355,7 +357,7 @@ def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: 
 
 
 def _solver(opened: OpenFolder, study: str) -> StoredEntry:
-    """Solver command that a study runs, as a mapping; {} if the study runs no solver.
+    """Solver command that the study at the path `study` runs, as a mapping; {} if it runs no solver. Nothing is run.
 
     Keys are ``command``, its ``words`` and ``inputs``, ``confirmation`` (digest that the user confirms) and ``folder``,
     that of the study in the open folder.
@@ -368,9 +370,9 @@ def _solver(opened: OpenFolder, study: str) -> StoredEntry:
 
 
 def _line(opened: OpenFolder, study: str) -> StoredEntry:
-    """Try to read a study or plan without running it: {} if that succeeds, else an `InputError` with file and line.
+    """Try to read the study or plan at the path `study` without a solver's run: {} if that succeeds.
 
-    A file with ``[record]`` counts as a study, any other as a plan.
+    Else an `InputError` with file and line is raised. A file with ``[record]`` counts as a study, any other as a plan.
     """
     from structid.study.schema.plan import load_plan
     from structid.study.schema.section import read_root

@@ -302,7 +302,8 @@ def _read_matrix(entry: Section, key: str, value: Any, reader: _Reader) -> Impor
 def _read_difference(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
     """A group matrix computed from the difference of two exports of one mesh, checked by a third if there is one.
 
-    `section` names the files and the factors by which the group was changed. `InputError` if their numberings differ.
+    `key` is mass, stiffness or damping; `section` names the files and the factors by which the group was changed. The
+    matrix is as the files have it, in their units. `InputError` if their numberings differ.
     """
     files_given = section.read(ExportsEntry)
     files = {"base": files_given.base, "changed": files_given.changed, "third": files_given.third}
