@@ -18,6 +18,11 @@ from structid.fem.meshes.coordinate_systems import unit_normals
 from structid.fem.meshes.deck_parts import CellOffsets, DeckPart, DeckUnits, split_by_obstacle
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
+#: Numbers of nodes of elements that are no cells; others run on where a line ends in a comma.
+_NODES_BESIDE = {
+    **dict.fromkeys(("SPRING1", "DASHPOT1", "HEATCAP"), 1),
+    **dict.fromkeys(("SPRING2", "SPRINGA", "DASHPOT2", "DASHPOTA", "CONN3D2", "CONN2D2", "JOINTC"), 2),
+}
 _KINDS = (
     (r"C3D4", "tetra", 4),
     (r"C3D5", "pyramid", 5),
@@ -161,6 +166,8 @@ class _Reader:
                     getattr(self._root, sets).update(getattr(part, sets))
                 self._root.blocks.extend(part.blocks)
                 self._root.overlong |= part.overlong
+                self._root.unsorted |= part.unsorted
+                self._root.ranges += part.ranges
             self._assembly.scopes.append(self._root)
         else:  # what stands behind the assembly works on the whole model
             assembly_part = self._assembly.own = self._assembly.own or PartData()
@@ -169,6 +176,7 @@ class _Reader:
             raise FileError(f"{self._path}: holds no *NODE and *ELEMENT lines; export the mesh, not only the steps")
         self._assembly.owners = self._owners if len(self._assembly.scopes) == 1 else {}
         self._assembly.number()
+        self._assembly.unknown = self._assembly.drop_unknown()
         return self._assembly
 
 
@@ -180,7 +188,7 @@ def _parameter_name(block: KeywordBlock) -> str:
 
 def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
     kind = block.options.get("TYPE", "").upper()
-    return {kind: _kind(kind)[1]} if block.keyword == "ELEMENT" else {}
+    return {kind: _NODES_BESIDE.get(kind) or _kind(kind)[1]} if block.keyword == "ELEMENT" else {}
 
 
 def _kind(name: str) -> tuple[str, int]:
@@ -220,7 +228,7 @@ def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
     labels, positions = _mesh_nodes(assembly, blocks, units.length)
     nodes_of = dict(zip(labels.tolist(), positions, strict=True))
     points = _reference_points(assembly, units.length)
-    axes = displacement_axes(path, assembly, nodes_of | points)
+    axes = displacement_axes(path, assembly, nodes_of | points, units.length)
     parts = read_parts(path, assembly, nodes_of | points, axes, units, Surfaces(assembly, _kind))
     parts += _SectionOffsets(assembly, blocks, rows_of, nodes_of | points, units.length).parts()
     return Mesh(
@@ -324,12 +332,12 @@ def _rows_of_members(members: set[int], rows: dict[int, int]) -> IntArray:
 
 
 def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...]:
-    """Sentences on what was changed or not read: supports, overlong lines, shifted numbers, turned directions.
+    """Sentences on what was changed or not read: sets, supports, overlong lines, shifted numbers, turned directions.
 
     `assembly` is the whole file, `axes` are the directions of motion (3, 3) of nodes that have their own, by label.
     Empty if there is nothing to say.
     """
-    notes = []
+    notes = list(assembly.unknown)
     scopes = assembly.all_scopes
     if any(block.keyword == "BOUNDARY" for scope in scopes for block in scope.blocks):
         notes.append("its *BOUNDARY is not read: supports are those of the study")

@@ -16,6 +16,7 @@ from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_poi
 Sets = dict[str, set[int]]
 _MOST_MEMBERS = 20_000_000
 _NUMBER = re.compile(r"-?\d+")
+_FORMS = {"": "R", "R": "R", "RECTANGULAR": "R", "C": "C", "CYLINDRICAL": "C", "S": "S", "SPHERICAL": "S"}
 
 
 @dataclass(eq=False)
@@ -40,6 +41,12 @@ class PartData:
         Rotation of the instance.
     overlong : set of str
         Types of elements of which lines name more nodes than they have.
+    unsorted : set of str
+        Names, in capitals, of node sets whose order counts (UNSORTED).
+    ranges : list of (keyword, range)
+        Labels that sets name from a first to a last one (GENERATE), by NSET or ELSET.
+    shift : (3,) float array
+        Where the instance puts the origin of its part, in the file's unit.
     """
 
     name: str = ""
@@ -52,6 +59,9 @@ class PartData:
     system: CoordinateSystem | None = None
     turn: FloatArray = field(default_factory=lambda: np.eye(3))
     overlong: set[str] = field(default_factory=set)
+    unsorted: set[str] = field(default_factory=set)
+    ranges: list[tuple[str, range]] = field(default_factory=list)
+    shift: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def take(self, block: KeywordBlock, counts: Mapping[str, int]) -> None:
         """Take up a keyword with its data lines: nodes, elements, a set or a system; others are stored in `blocks`.
@@ -74,11 +84,18 @@ class PartData:
                 self.set_of(self.cell_sets, options["ELSET"]).update(table)
         elif block.keyword in ("NSET", "ELSET"):
             sets = self.node_sets if block.keyword == "NSET" else self.cell_sets
-            members = self.set_of(sets, options.get(block.keyword, ""))
+            name = options.get(block.keyword, "")
+            members = self.set_of(sets, name)
             for row in rows:
-                members.update(self.members(row, "GENERATE" in options, sets))
+                if "GENERATE" in options:
+                    members.update(self.take_range(row, block.keyword))
+                else:
+                    members.update(_members_of_row(row, sets))
             if block.keyword == "NSET" and options.get("ELSET"):
+                if options["ELSET"].upper() not in self.cell_sets:
+                    raise ValueError(f"there is no element set {options['ELSET']!r} before this line")
                 members.update(self.nodes_of_cells(self.cell_sets[options["ELSET"].upper()]))
+            self.unsorted |= {name.upper()} if "UNSORTED" in options else set()
         elif block.keyword == "SYSTEM":
             self.system = _read_system(rows)
         else:
@@ -97,10 +114,10 @@ class PartData:
             if label in self.nodes:
                 raise ValueError(f"node {label} stands twice, as it does where a file has several parts")
         coordinates = np.array([[float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]] for row in rows]).reshape(-1, 3)
-        form = options.get("SYSTEM", "R").upper()[:1]
+        form = system_form(options.get("SYSTEM", ""))
         if form not in ("R", "C"):
             raise ValueError(
-                f"coordinates of SYSTEM={options['SYSTEM']} are not read; write the nodes in rectangular ones"
+                f"coordinates of SYSTEM={options['SYSTEM']} are not read; write the nodes in rectangular ones (SYSTEM=R)"
             )
         positions = rectangular(form, coordinates)
         if self.system is not None:
@@ -117,27 +134,25 @@ class PartData:
         self.names.setdefault(name.upper(), name)
         return sets.setdefault(name.upper(), set())
 
-    def members(self, row: list[str], generate: bool, sets: Sets) -> set[int]:
-        """Labels on a data line of a set: numbers and members of other `sets`, or first, last and step if `generate`.
+    def take_range(self, row: list[str], keyword: str) -> range:
+        """Labels on a data line of a set with GENERATE: first, last and step, which is 1 if left out; both ends count.
 
-        `row` are the words of the line; a step that is not given is 1, and the last label counts. Raises `ValueError`
-        if a named set is not there, or a range has too many members.
+        They are kept in `ranges`, as not each needs to be there. Raises `ValueError` if steps from the first do not come
+        to the last label, or there are too many.
         """
-        if generate:
-            first, last, step = ([int(word) for word in row if word] + [1])[:3]
-            if (last - first) // step > _MOST_MEMBERS:
-                raise ValueError(f"a set from {first} to {last} has more than {_MOST_MEMBERS} members")
-            return set(range(first, last + 1, step))
-        members: set[int] = set()
-        for word in filter(None, row):
-            if _NUMBER.fullmatch(word):
-                members.add(int(word))
-                continue
-            key = word.strip('"').upper()
-            if key not in sets:
-                raise ValueError(f"there is no set {word!r} before this line")
-            members |= sets[key]
-        return members
+        labels = _range_of(row)
+        self.ranges.append((keyword, labels))
+        return labels
+
+    def drop_unknown(self, keyword: str, labels: set[int], known: set[int]) -> set[int]:
+        """Take away from `labels` those that are not `known`; returns those that no range passes over.
+
+        `labels` are those of a set, `keyword` is NSET or ELSET.
+        """
+        missing = labels - known
+        labels -= missing
+        ranges = [labels_of_range for kind, labels_of_range in self.ranges if kind == keyword]
+        return {label for label in missing if not any(label in passed for passed in ranges)}
 
     def nodes_of_cells(self, labels: Iterable[int]) -> set[int]:
         """Labels of the nodes of some elements."""
@@ -155,27 +170,30 @@ class PartData:
             dict(self.names),
             list(self.blocks),
             overlong=set(self.overlong),
+            unsorted=set(self.unsorted),
+            ranges=list(self.ranges),
         )
 
     def move(self, rows: list[list[str]]) -> None:
-        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line, which sets `turn`.
+        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line; sets `shift`, `turn`.
 
         `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if
         not moved. A first line of more than three numbers is one that turns. Raises `ValueError` if the line that turns has
         not seven numbers, or both points are one.
         """
-        if not rows or not self.nodes:
+        if not rows:
             return
         if any(rows[0][3:]):
             rows = [[], *rows]
-        positions = np.array(list(self.nodes.values())) + np.array(numbers_of(rows[0], 3))
+        self.shift = np.array(numbers_of(rows[0], 3))
         if len(rows) > 1 and any(rows[1]):
             numbers = numbers_of(rows[1], 7)
             if len(rows[1]) < 7 or any(rows[1][7:]):
                 raise ValueError("an instance is turned by two points and an angle")
             start, end, degrees = np.array(numbers[:3]), np.array(numbers[3:6]), numbers[6]
             self.turn = _rotation_matrix(end - start, degrees)
-            positions = start + (positions - start) @ self.turn.T
+            self.shift = start + self.turn @ (self.shift - start)
+        positions = np.array(list(self.nodes.values())).reshape(-1, 3) @ self.turn.T + self.shift
         self.nodes = dict(zip(self.nodes, positions.tolist(), strict=True))
 
 
@@ -195,6 +213,48 @@ def _require_decimal_points(rows: list[list[str]]) -> None:
                 f"node {row[0]} has {len(row) - 1} numbers and none has a decimal point, as where decimals are written with commas;"
                 " write at least one number with a point, as in 1.0"
             )
+
+
+def _members_of_row(row: list[str], sets: Sets) -> set[int]:
+    """Labels in the words of a data line of a set: numbers, and members of other `sets`.
+
+    Raises `ValueError` if a named set is not there.
+    """
+    members: set[int] = set()
+    for word in filter(None, row):
+        if _NUMBER.fullmatch(word):
+            members.add(int(word))
+            continue
+        key = word.strip('"').upper()
+        if key not in sets:
+            raise ValueError(f"there is no set {word!r} before this line")
+        members |= sets[key]
+    return members
+
+
+def _range_of(row: list[str]) -> range:
+    """Labels from the first to the last word of `row` in steps of the third, which is 1 if left out; both ends count.
+
+    Raises `ValueError` if there are other words, or steps from the first do not come to the last label.
+    """
+    words = [*row, "", "", ""]
+    if not (words[0] and words[1]) or any(words[3:]):
+        raise ValueError(f"a range is a first label, a last and a step, not {', '.join(row)!r}")
+    first, last, step = int(words[0]), int(words[1]), int(words[2] or 1)
+    if first == last:
+        return range(first, first + 1)
+    if not step or (last - first) % step or (last - first) // step < 0:
+        raise ValueError(
+            f"steps of {step} do not lead from {first} to {last}, so that the members of the set are not clear"
+        )
+    if (last - first) // step > _MOST_MEMBERS:
+        raise ValueError(f"a set from {first} to {last} has more than {_MOST_MEMBERS} members")
+    return range(first, last + (1 if step > 0 else -1), step)
+
+
+def system_form(word: str) -> str:
+    """Form of a coordinate system, R, C or S, that `word` names by its letter or in full; R if empty, "" if none."""
+    return _FORMS.get(word.upper(), "")
 
 
 def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
@@ -239,21 +299,28 @@ def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]
 
     CalculiX accepts such lines. With `count` nodes an element, its data run over several lines until it is complete;
     with 0, over lines that end in a comma. `rows` are the words of the data lines. Raises `ValueError` if a label
-    repeats or nodes are missing.
+    repeats, nodes are missing, or several lines do not end with the last node of an element.
     """
     table: dict[int, list[str]] = {}
     pending: list[str] = []
     too_many = False
+    lines = 0
     for row in rows:
         pending += [word for word in row if word]
+        lines += 1
         if not pending or (len(pending) < count + 1 if count else row[-1] == ""):
             continue
-        too_many |= bool(count) and len(pending) > count + 1
         label = int(pending[0])
+        if count and len(pending) > count + 1:
+            too_many = True
+            if lines > 1:
+                raise ValueError(
+                    f"element {label} of {count} nodes has {len(pending) - 1} on {lines} lines, as where one is missing or too many"
+                )
         if label in table:
             raise ValueError(f"element {label} stands twice, as it does where a file has several parts")
         table[label] = pending[1 : count + 1] if count else pending[1:]
-        pending = []
+        pending, lines = [], 0
     if pending and count:
         raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
     if pending:
@@ -277,6 +344,8 @@ class Assembly:
         Number that is added to the labels of each instance, by its name in capitals.
     owners : dict of str to str
         Name of the part of a single instance, under which its sets go.
+    unknown : tuple of str
+        Sentences on sets that name nodes or elements which are not there.
     """
 
     scopes: list[PartData]
@@ -285,6 +354,7 @@ class Assembly:
     cell_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
     shifts: dict[str, int] = field(default_factory=dict)
     owners: dict[str, str] = field(default_factory=dict)
+    unknown: tuple[str, ...] = ()
 
     @property
     def all_scopes(self) -> list[PartData]:
@@ -358,32 +428,77 @@ class Assembly:
         name = block.options.get(block.keyword, "")
         self.own.names.setdefault(name.upper(), name)
         members = every.setdefault(name.upper(), {})
-        holder = self.scope(block.options["INSTANCE"]) if block.options.get("INSTANCE") else None
+        holder = self.scope(block.options["INSTANCE"]) if block.options.get("INSTANCE") else self.own
+        labels_of_owners: list[tuple[str, Iterable[int]]] = []
         for row in block.rows:
-            if holder is not None or "GENERATE" in block.options:
-                target = holder or self.own
-                sets = target.node_sets if is_nodes else target.cell_sets
-                if not (set(filter(None, (word.strip('"').upper() for word in row))) & (set(every) - set(sets))):
-                    labels = target.members(row, "GENERATE" in block.options, sets)
-                    members.setdefault(target.name.upper(), set()).update(labels)
-                    continue
+            if "GENERATE" in block.options:
+                labels_of_owners.append((holder.name.upper(), holder.take_range(row, block.keyword)))
+                continue
             for word in filter(None, row):
-                for owner, labels in self._members_of_name(word, is_nodes).items():
-                    members.setdefault(owner, set()).update(labels)
+                labels_of_owners += self._members_of_name(holder, word, is_nodes).items()
+        if is_nodes and block.options.get("ELSET"):
+            cells = self._members_of_name(holder, block.options["ELSET"], False)
+            for owner, labels in cells.items():
+                labels_of_owners += self._nodes_of_cells(owner, labels)
+        for owner, of_owner in labels_of_owners:
+            members.setdefault(owner, set()).update(of_owner)
+        self.own.unsorted |= {name.upper()} if "UNSORTED" in block.options else set()
 
-    def _members_of_name(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
+    def drop_unknown(self) -> tuple[str, ...]:
+        """Take labels without a node or element from all sets; a sentence for each set that names some.
+
+        Ranges (GENERATE) may pass over labels that are not there.
+        """
+        sentences = []
+        for keyword, word in (("NSET", "node"), ("ELSET", "element")):
+            shared = self.node_sets if keyword == "NSET" else self.cell_sets
+            every = [
+                (scope.names.get(key, key), scope, labels)
+                for scope in self.all_scopes
+                for key, labels in (scope.node_sets if keyword == "NSET" else scope.cell_sets).items()
+            ]
+            for key, by_owner in shared.items():
+                for owner, labels in by_owner.items():
+                    is_own = self.own is not None and owner == self.own.name.upper()
+                    holder = self.own if is_own and self.own is not None else self.scope(owner)
+                    every.append((self.own.names.get(key, key) if self.own is not None else key, holder, labels))
+            known = {scope.name: _labels(scope)[keyword == "ELSET"] for scope in self.all_scopes}
+            for name, holder, labels in every:
+                missing = sorted(holder.drop_unknown(keyword, labels, known[holder.name]))
+                if missing:
+                    of = f" of {holder.name}" if holder.name else ""
+                    more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+                    sentences.append(
+                        f"*{keyword} {name} names {word} {', '.join(map(str, missing[:5]))}{more}{of}, which the file does not"
+                        " have: left out"
+                    )
+        return tuple(dict.fromkeys(sentences))
+
+    def _nodes_of_cells(self, owner: str, labels: Iterable[int]) -> list[tuple[str, set[int]]]:
+        """Pairs (instance in capitals, labels) of the nodes of elements `labels` of the instance or assembly `owner`."""
+        assert self.own is not None
+        if owner != self.own.name.upper():
+            return [(owner, self.scope(owner).nodes_of_cells(labels))]
+        wanted = set(labels)
+        words = {word for table in self.own.elements.values() for label in wanted & set(table) for word in table[label]}
+        return [pair for word in sorted(words) for pair in self._members_of_name(self.own, word, True).items()]
+
+    def _members_of_name(self, holder: PartData, word: str, is_nodes: bool) -> dict[str, set[int]]:
         """Labels that `word` stands for, by instance name in capitals.
 
-        It is a set of the assembly, INSTANCE.SET or INSTANCE.LABEL. `is_nodes` says that node sets are meant, not
-        element sets. Raises `ValueError` if there is none.
+        It is a label or set of `holder`, an instance or the assembly, a set of the assembly, INSTANCE.SET or
+        INSTANCE.LABEL. `is_nodes` says that node sets are meant, not element sets. Raises `ValueError` if there is
+        none.
         """
-        assert self.own is not None
         every = self.node_sets if is_nodes else self.cell_sets
         key = word.strip('"').upper()
+        named = holder.node_sets if is_nodes else holder.cell_sets
+        if holder is not self.own and key in named:
+            return {holder.name.upper(): set(named[key])}
         if key in every:
             return {owner: set(labels) for owner, labels in every[key].items()}
         owner, dot, name = key.rpartition(".")
-        holder = self.scope(owner) if dot else self.own
+        holder = self.scope(owner) if dot else holder
         sets = holder.node_sets if is_nodes else holder.cell_sets
         if _NUMBER.fullmatch(name):
             return {holder.name.upper(): {int(name)}}

@@ -18,6 +18,25 @@ _SHORTENED = (
     "DASHPOT", "ROTARY INERTIA", "PART", "INSTANCE", "ASSEMBLY", "INCLUDE", "KINEMATIC", "DISTRIBUTING",
 )  # fmt: skip
 _FEWEST_LETTERS = 3
+#: Keywords of several words, by their letters: CalculiX takes them without blanks too.
+_IN_WORDS = {
+    name.replace(" ", ""): name
+    for name in (
+        "RIGID BODY", "ROTARY INERTIA", "KINEMATIC COUPLING", "DISTRIBUTING COUPLING", "END PART", "END INSTANCE", "END ASSEMBLY",
+        "SHELL SECTION", "SHELL GENERAL SECTION", "BEAM SECTION", "BEAM GENERAL SECTION", "SHEAR CENTER", "USER ELEMENT",
+        "CONTACT PAIR", "PRE-TENSION SECTION", "CYCLIC SYMMETRY MODEL", "MASS ADJUST", "MODEL CHANGE", "EMBEDDED ELEMENT",
+        "SHELL TO SOLID COUPLING", "NONSTRUCTURAL MASS", "CONNECTOR SECTION", "SURFACE SECTION", "SUBSTRUCTURE PATH",
+    )
+}  # fmt: skip
+#: Options of several words, by their letters.
+_OPTIONS_IN_WORDS = {
+    name.replace(" ", ""): name
+    for name in (
+        "REF NODE", "ROT NODE", "TIE NSET", "PIN NSET", "ANALYTICAL SURFACE", "POSITION TOLERANCE", "NO ROTATION",
+        "INFLUENCE RADIUS", "WEIGHTING METHOD", "NODAL THICKNESS", "SHELL THICKNESS", "COMPLEX STIFFNESS", "CYCLIC SYMMETRY",
+        "TIED NSET", "MAX RATIO",
+    )
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +79,7 @@ def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
             if block is not None:
                 yield block
             keyword = " ".join(words[0][1:].upper().split())
+            keyword = _IN_WORDS.get(keyword.replace(" ", ""), keyword)
             block = KeywordBlock(number, keyword, keyword_options(words[1:]), [])
             if keyword in _WITH_INPUT and block.options.get("INPUT"):
                 included = _included_lines(path, path.parent, number, block.options, 0)
@@ -79,13 +99,13 @@ def spelled_out(keyword: str) -> str:
 def keyword_options(words: list[str]) -> dict[str, str]:
     """Options such as ``NAME=STEEL`` by their names in capitals; those without a value have an empty one.
 
-    ``REFNODE``, as CalculiX takes it, is ``REF NODE``.
+    ``REFNODE``, as CalculiX takes it, is ``REF NODE``; so are others of two words.
     """
     pairs = [
-        (key.strip().upper(), value.strip().strip('"'))
+        (" ".join(key.upper().split()), value.strip().strip('"'))
         for key, _, value in (word.partition("=") for word in words if word)
     ]
-    return {"REF NODE" if key == "REFNODE" else key: value for key, value in pairs}
+    return {_OPTIONS_IN_WORDS.get(key.replace(" ", ""), key): value for key, value in pairs}
 
 
 def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
@@ -97,7 +117,7 @@ def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
     number, pending = 0, ""
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         for line_number, line in enumerate(stream, 1):
             text = line.strip()
             if not text or text.startswith("**"):

@@ -13,7 +13,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
-from structid.fem.meshes.abaqus_assembly import Assembly, PartData
+from structid.fem.meshes.abaqus_assembly import Assembly, PartData, system_form
 from structid.fem.meshes.abaqus_keywords import KeywordBlock, numbers_of
 from structid.fem.meshes.abaqus_surfaces import Footpoint, Surface, Surfaces, footpoint, mean_side, nodal_areas
 from structid.fem.meshes.averages import (
@@ -75,6 +75,7 @@ _UNREAD = {
 ObstaclesAndParts = list[tuple[str, DeckPart]]
 #: Part of the mean side of faces within which a node is tied where a file does not say it, as in Abaqus.
 _NEAR = 0.05
+_UNSORTED = "its nodes are paired in the order of a set (UNSORTED)"
 _TURNED = "it stands in a turned instance"
 _LOCAL = "its nodes have directions of their own (*TRANSFORM)"
 
@@ -159,11 +160,13 @@ class _AssemblyContext:
         return elements
 
 
-def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
+def displacement_axes(
+    path: Path, assembly: Assembly, positions: Mapping[int, FloatArray], length: float
+) -> dict[int, FloatArray]:
     """Directions of motion (3, 3), as rows in global axes, of each node that a *TRANSFORM turns, by label.
 
-    Nodes whose directions are the global ones are left out. `positions` are those of all nodes by label, `path` is for
-    errors.
+    Nodes whose directions are the global ones are left out. `positions` are those of all nodes by label, in m; `length`
+    is the file's unit in m. `path` is for errors.
 
     Raises
     ------
@@ -174,11 +177,14 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
     axes: dict[int, FloatArray] = {}
     for scope, block in deck.blocks("TRANSFORM"):
         try:
-            numbers = [float(word or 0) for row in block.rows for word in row][:6]
-            a, b = np.array(numbers[:3]), np.array(numbers[3:6])
-            form = block.options.get("TYPE", "R").upper()[:1]
+            points = np.array(numbers_of([word for row in block.rows for word in row], 6)).reshape(2, 3)
+            form = system_form(block.options.get("TYPE", ""))
+            if not form:
+                raise ValueError(f"there is no TYPE={block.options['TYPE']}; write R, C or S")
+            shift = np.zeros(3) if form == "R" else scope.shift
+            a, b = length * (points @ scope.turn.T + shift)
             for node in assembly.nodes(scope, block.options.get("NSET", "")):
-                directions = _axes_at(form, a, b, positions[node]) @ scope.turn.T
+                directions = _axes_at(form, a, b, positions[node])
                 if np.abs(directions - np.eye(3)).max() > 1e-12:
                     axes[node] = directions
         except (ValueError, IndexError, KeyError) as error:
@@ -362,6 +368,8 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
         return [(_TURNED, DeckPart("EQUATION", 1))]
     nodes = [deck.assembly.nodes(scope, term[0]) for term in terms]
     count = max(map(len, nodes))
+    if any(_is_unsorted(deck, scope, term[0]) for term in terms):
+        return [(_UNSORTED, DeckPart("EQUATION", count))]
     if any(len(labels) not in (1, count) for labels in nodes):
         raise ValueError("the sets of an equation differ in size")
     items: list[tuple[str, DeckPart]] = []
@@ -383,6 +391,13 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
     return items
 
 
+def _is_unsorted(deck: _AssemblyContext, scope: PartData, word: str) -> bool:
+    """True if `word` names a node set of more than one node whose order counts (UNSORTED), looked up in `scope`."""
+    owner, _, name = word.strip('"').upper().rpartition(".")
+    holder = next((other for other in deck.assembly.scopes if other.name.upper() == owner), scope)
+    return name in holder.unsorted and len(deck.assembly.nodes(scope, word)) > 1
+
+
 def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of an *MPC block, with the ties of each dependent node; the obstacle is "" if none.
 
@@ -398,6 +413,9 @@ def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
         kind = words[0].upper()
         if kind not in ("BEAM", "TIE", "PIN"):
             items.append((f"type {kind}", DeckPart("MPC", 1)))
+            continue
+        if any(_is_unsorted(deck, scope, word) for word in words[1:3]):
+            items.append((_UNSORTED, DeckPart("MPC", 1)))
             continue
         dependents, mains = deck.assembly.nodes(scope, words[1]), deck.assembly.nodes(scope, words[2])
         mains = mains * len(dependents) if len(mains) == 1 else mains
