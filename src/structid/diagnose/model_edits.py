@@ -583,7 +583,10 @@ class MoveMass:
             structure.set("elements", tuple(self._moved(element) for element in structure.get("elements")))
 
     def _moved(self, element: Any) -> Any:
-        """Element set with its mass `self.number` (from 1) at the new node; other sets are returned as they are."""
+        """Element set with its mass `self.number` (from 1) at the new node; other sets are returned as they are.
+
+        It moves in `self.directions` if it states no directions.
+        """
         if element.name != self.name:
             return element
         nodes = element.nodes.ravel().copy()

@@ -92,7 +92,8 @@ def scale_from_force(problems: Sequence[Problem], estimate: Estimate) -> bool:
     """True if only measured forces determine the common scale of masses, stiffnesses and dampings, in all `problems`.
 
     An error of the load cell is then an error of all values. It is so where every problem is one of FRFs with measured
-    forces, these shrink in proportion to a common increase, and no prior is stated. False without problems.
+    forces (not of the residual ``equation``), these shrink in proportion to a common increase at `estimate`, and no
+    prior of these parameters is stated. False without problems.
     """
     for problem in problems:
         if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:

@@ -181,7 +181,7 @@ def posterior_draws(
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
     precondition: Solver | None = None,
 ) -> tuple[FloatArray, int]:
-    """Posterior errors of the free variables, (count, n_params), with NaN rows for failed draws, and their number.
+    """Posterior errors of the free variables, (count, n_params), NaN rows for failed draws, and number of these.
 
     A draw s solves J'J s = J'e by conjugate gradients, J with its prior rows. With e of unit variance, the default, its
     covariance is (J'J)^-1. A draw fails if the relative residual stays above 1e-5.

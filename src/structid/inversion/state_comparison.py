@@ -286,7 +286,7 @@ def compare_states(
     Raises
     ------
     InputError
-        If a state is no `Estimate`, the estimates share no parameter but the carried ones, a unit differs, or an
+        If a state is no `Estimate`, one lacks a carried parameter, they share none but these, a unit differs, or an
         argument is out of range.
 
     Notes

@@ -417,8 +417,9 @@ def agreement(problem: Problem, linearization: Linearization) -> Agreement | Non
 
     With S the sum of squares of a common fit to all quantities and S_q that of a separate fit to quantity q, to first
     order and without priors, (S - sum S_q) / between over (sum S_q) / within follows Fisher's distribution for
-    independent errors. The common size of the errors may be unknown. None if `repeated_quantities` is None, or no
-    degree of freedom is left. `linearization` is that of `problem` at the minimum of all of its data.
+    independent errors. The common size of the errors may be unknown. None with fewer than four quantities, with one
+    that is measured at a single line, or without a degree of freedom for either sum. `linearization` is that of
+    `problem` at the minimum of all of its data.
 
     References
     ----------

@@ -89,7 +89,8 @@ class Bootstrap:
 
         With z0 the normal quantile of the part of replicates below the original estimate, the ends are the quantiles of
         Phi(2 z0 -+ t) (Efron 1981), where t is Student's quantile instead of the normal one (Hesterberg 2015); the same
-        in any transformation of the parameter. `level` is the probability of the interval.
+        in any transformation of the parameter. `level` is the probability of the interval; `InputError` if it is not
+        between 0 and 1.
         """
         require_level(level)
         if not self.is_reliable:

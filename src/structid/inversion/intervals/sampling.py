@@ -103,9 +103,10 @@ class Samples:
         return np.cov(self.samples.reshape(-1, n_params), rowvar=False).reshape(n_params, n_params)
 
     def interval(self, level: float = 0.95) -> FloatArray:
-        """Central posterior interval, (n_params, 2); NaN where the draws are not reliable, see `words`.
+        """Central posterior interval, (n_params, 2), physical units; NaN where the draws are not reliable, see `words`.
 
-        `level` is the probability of the interval; columns are its lower and upper end, physical units.
+        `level` is the probability of the interval; columns are its lower and upper end. `InputError` if it is not
+        between 0 and 1.
         """
         require_level(level)
         n_params = len(self.names)
@@ -160,7 +161,7 @@ def sample(
     Raises
     ------
     InputError
-        If the covariance is not finite, or emcee is missing.
+        If the covariance is not finite, `sampler` or `flat_in` is unknown, or emcee is missing.
 
     Notes
     -----
@@ -293,9 +294,9 @@ def _by_nuts(
 ) -> _Drawn:
     """Posterior draws by the no-U-turn sampler: independent chains, run in parallel in pieces of `_AT_ONCE` draws.
 
-    Each of the `n_chains` chains drops `n_warmup` draws and keeps `n_draws`. `target` is the log density; draws are in
-    its whitened coordinates, with the divergent trajectories and gradients of all chains counted. Each chain has a
-    generator that `rng` spawns, and `work` runs it.
+    Each of the `n_chains` chains drops `n_warmup` draws and keeps `n_draws`. `target` is the log density; draws
+    (n_chains, n_draws, n_params) are in its whitened coordinates, with the numbers of divergent trajectories and
+    gradients of all chains. Each chain has a generator that `rng` spawns, and `work` runs it.
     """
     states: list[StoredValues] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
@@ -344,10 +345,11 @@ def _generator(state: StoredValues) -> np.random.Generator:
 
 
 def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator) -> _Drawn:
-    """Posterior draws by the ensemble sampler of emcee, each walker counted as a chain.
+    """Posterior draws by the ensemble sampler of emcee, (n_walkers, n_draws, n_params), each walker counted as a chain.
 
-    There are max(`n_chains`, 2 n_params + 2) walkers, whose first max(`n_warmup`, `n_draws`) draws are dropped. Raises
-    `InputError` if emcee is missing. `target` is the log density; `rng` gives the starts and a seed.
+    There are max(`n_chains`, 2 n_params + 2) walkers, whose first max(`n_warmup`, `n_draws`) draws are dropped. Draws
+    are in the whitened coordinates of `target`, the log density, with the number of its evaluations. Raises
+    `InputError` if emcee is missing. `rng` gives the starts and a seed.
     """
     n_params = len(target.factor)
     try:
@@ -389,7 +391,10 @@ def bulk_sample_size(draws: FloatArray) -> float:
 
 
 def tail_sample_size(draws: FloatArray) -> float:
-    """Smaller effective sample size of the 5 % and the 95 % quantile of draws (n_chains, n_draws); NaN if not finite."""
+    """Smaller effective sample size of the 5 % and the 95 % quantile of draws (n_chains, n_draws).
+
+    NaN if a draw is not finite, or all are equal.
+    """
     if not np.isfinite(draws).all():
         return float("nan")
     ends = np.quantile(draws, [0.05, 0.95])

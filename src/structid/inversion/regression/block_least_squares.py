@@ -129,7 +129,7 @@ class _Normal:
         return np.full_like(right, np.nan) if self.factor is None else np.asarray(self.factor.solve(right))
 
     def diagonal(self) -> FloatArray:
-        """Diagonal (n_params,) of the inverse of the normal matrix, solved for by groups of unit vectors."""
+        """Diagonal (n_params,) of the inverse of the normal matrix of columns scaled to unit norm."""
         diagonal = np.empty(self.n_params)
         for first in range(0, self.n_params, _TOGETHER):
             last = min(first + _TOGETHER, self.n_params)
