@@ -299,7 +299,8 @@ def _initial_modes(result: CheckResult) -> RenderableType:
 def _resonances(result: CheckResult) -> list[RenderableType]:
     """Tables of measured resonances (Hz) beside those of the initial model, one for each record that has any.
 
-    The distance is in % and in half-bandwidths; what is not finite is "none" or left blank.
+    How far the model's lies above the measured one is in % and in half resonance widths; then follows the MAC. A
+    frequency that is not finite is "none", another value that is not is left blank.
     """
     tables: list[RenderableType] = []
     for one in result.beside:

@@ -123,7 +123,8 @@ def parameter_table(view: ResultsView) -> Table:
 def alternatives_table(sets: Alternatives) -> Table:
     """Table of sets of values that fit equally well, one column each, and a row with the measurement that would decide.
 
-    Only the first 12 sets are shown. That row is left out if no such measurement is known.
+    Only the first 12 sets are shown. The row of the measurement, with its value for each set, is left out if none is
+    known.
     """
     count = min(len(sets), _MOST_SETS)
     header = ("Parameter", "Unit", *(f"Set {k + 1}" for k in range(count)))

@@ -284,7 +284,7 @@ def std_figure(plan: Plan) -> plot.Figure:
 
 
 def _limits(finite: np.ndarray) -> tuple[float, float]:
-    """Logarithmic axis limits (low, high): powers of ten around the values `finite`; (0.1, 10) if it is empty."""
+    """Logarithmic axis limits (low, high): powers of ten just outside the values `finite`; (0.1, 10) if it is empty."""
     if not finite.size:
         return 0.1, 10.0
     low = 10.0 ** np.floor(np.log10(finite.min() / 1.2))

@@ -190,7 +190,7 @@ def needed_lines(needs: ResourceNeeds, duration: Duration, free: int, workers: i
 def _duration_words(duration: Duration) -> str:
     """Words on the duration of a run, and what part of it is a search for causes.
 
-    They say if a trial of the search came to its end; without one, the duration with a search for causes is told too.
+    They say if a trial of the search came to its end; without one, the duration with a search for causes is added.
     """
     from structid.cli.console import clock
 

@@ -149,7 +149,7 @@ def clean(text: str) -> str:
 def _axis(axis: Axis, is_bare: bool) -> Described:
     """Plotly description of an axis with its title, scale, limits and ticks; hidden if `is_bare`.
 
-    Limits of a logarithmic axis are given as powers of ten.
+    Limits of a logarithmic axis are given as logarithms to base 10; its ticks stay values.
     """
     described: Described = {"title": {"text": clean(axis.title)}, "visible": not is_bare, "showgrid": axis.grid}
     ends = axis.limits
@@ -179,7 +179,7 @@ def _ticks(ticks: Ticks) -> Described:
 
 
 def _colours(scale: ColourScale) -> Described:
-    """Plotly description of a colour scale with its bar; values of a logarithmic scale are given as powers of ten."""
+    """Plotly description of a colour scale with its bar; values of a logarithmic scale become their log10."""
     place = np.log10 if scale.log else np.asarray
     anchors = palette.SCALES[scale.colours]
     title = scale.label + (" (or beyond)" if scale.is_exceeded else "")

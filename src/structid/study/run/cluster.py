@@ -55,13 +55,13 @@ class Cluster(RemoteWorkers):
     def __init__(self, address: str, answer_seconds: float = ANSWER_SECONDS) -> None:
         """Connect to the Dask scheduler at `address`, such as ``tcp://10.0.0.5:8786``, and check its workers.
 
-        The scheduler must answer within `answer_seconds`, and have a worker within as long again.
+        The scheduler must answer within `answer_seconds`, and then have a worker within `answer_seconds` more.
 
         Raises
         ------
         InputError
-            If no scheduler answers, it has no workers, or a worker has other versions than here of structid, Python, NumPy or
-            SciPy.
+            If no scheduler answers, it has no workers, or a worker has other versions than here of structid, Python,
+            NumPy or SciPy.
         """
         super().__init__()
         self.address = address

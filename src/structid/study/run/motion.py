@@ -372,7 +372,7 @@ def reduced_on(
 def reduced_alone(
     fit: RecursiveMotionFit, task_data: MotionTaskData, checkpoint: Path | None = None, progress: Progress | None = None
 ) -> RecursiveMotionFit:
-    """The fit `fit` extended by all samples of the records behind its own, reduced in this process, chunk after chunk.
+    """The fit `fit` extended by all samples of the records that it lacks, reduced in this process, chunk after chunk.
 
     The fit is saved in the file `checkpoint` now and then and at any end, exceptions included; nothing is read from it.
     `progress` is called with the number of samples done, of all records, and their total.

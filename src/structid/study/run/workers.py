@@ -315,7 +315,10 @@ def one_thread(pools: ThreadpoolController) -> Iterator[None]:
 
 @contextmanager
 def _limit_library_threads(pools: ThreadpoolController) -> Iterator[None]:
-    """Context manager: numba and the thread pools of numerical libraries, which `pools` controls, use one thread each."""
+    """Context manager: numba and the thread pools of numerical libraries use one thread each, until the block ends.
+
+    `pools` controls the libraries' pools; the former numbers of threads are restored.
+    """
     numba = sys.modules.get("numba")
     before = numba.get_num_threads() if numba else 1
     try:

@@ -41,8 +41,8 @@ def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str,
     """Modes of a record with all poles of the stabilization diagram and the spectrum, packed for the page.
 
     `read` says how the file is read; `band` is [low, high] in Hz, None for the default. ``poles`` hold frequency (Hz),
-    damping ratio, model order, kind (see `pole_kinds`) and real shape of the poles of all orders; ``spectrum`` has
-    every k-th line, at most about 6000.
+    damping ratio, model order, kind (0 outside the criteria, 1 alone, 2 of a cluster, 3 chosen as a mode) and real
+    shape of the poles of all orders; ``spectrum`` has every k-th line, at most about 6000, of the first singular value.
 
     Raises
     ------

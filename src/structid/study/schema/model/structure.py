@@ -523,10 +523,10 @@ def _read_base(entry: Section, nodes: Positions) -> Base:
 
 
 def _read_component(entry: Section, nodes: Positions) -> Component:
-    """The component that one entry reduces.
+    """The component, a substructure to be reduced, that one ``[[structure.component]]`` table describes.
 
-    Without ``up_to`` its frequency limit is three times the upper end of the band. `StudyError` without either, or if a
-    node of the interface does not exist.
+    Without ``up_to`` its frequency limit in Hz is three times the upper end of the band. `StudyError` without either,
+    or if a node of the interface does not exist.
     """
     values = entry.values(_COMPONENT)
     if "up_to" not in values:
