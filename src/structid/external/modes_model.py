@@ -151,7 +151,7 @@ def _count_common_modes(centre: RunModes, runs: Sequence[RunModes], n_moved: int
     Raises
     ------
     InputError
-        If there are more modes than `n_moved`, or no lowest modes are alike in all runs.
+        If there are more modes than `n_moved`, or not even the first mode spans the same motion in all runs.
     """
     n_common = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
     if n_moved < n_common:

@@ -307,7 +307,7 @@ def _last_words(folder: Path) -> str:
 
 
 def _keep_failed_run(solver: Solver, trial: Path) -> None:
-    """Move the folder `trial` of a failed run to `failed` beside the runs of `solver`, in place of what was there."""
+    """Move the folder `trial` of a failed run to `failed` beside the runs of `solver`, replacing what was there."""
     last = solver.folder / "failed"
     shutil.rmtree(last, ignore_errors=True)
     with suppress(OSError):  # another worker's failure was faster

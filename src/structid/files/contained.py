@@ -72,9 +72,10 @@ class _Child:
     """A running `worker.py`."""
 
     def __init__(self) -> None:
-        """Start a Python process that runs `worker.py` in the neutral folder, and wait up to 120 s until it is ready.
+        """Start a Python process that runs `worker.py`, and wait up to 120 s until it is ready.
 
-        `_LostError` if it ends before, or is killed since it took longer.
+        It works in the folder of the Python installation. `_LostError` if it ends before, or is killed since it took
+        longer.
         """
         paths = os.pathsep.join(import_paths(sys.path, Path.cwd()))
         self.owner, self.served = os.getpid(), 0
@@ -332,7 +333,10 @@ def _is_73(path: Path) -> bool:
 
 
 def _to_variable(value: np.ndarray | str | list[str] | dict[str, np.ndarray]) -> Variable:
-    """The variable of `value` as the child process sent it: a sparse matrix from its parts, a tuple from a list, else unchanged."""
+    """The variable of `value` as the child process sent it: a list as a tuple, a mapping as a sparse matrix.
+
+    The mapping has the matrix's shape, column starts, rows and values. Arrays and texts stay.
+    """
     if isinstance(value, dict):
         n_rows, n_columns = value["shape"].tolist()
         return checked_sparse_matrix((n_rows, n_columns), value["starts"], value["rows"], value["values"])

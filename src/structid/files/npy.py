@@ -82,8 +82,8 @@ def _array_name(path: Path, member: zipfile.ZipInfo) -> str:
 def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     """The array in one member of an NPZ archive.
 
-    `ValueError` if it is packed in another way than NumPy does, its sizes are not plausible, or it would take more than
-    100 MB and 500 times its packed size.
+    `ValueError` if it is packed in another way than NumPy does, says more bytes than its packed ones can hold, would
+    take more than 100 MB and 500 times its packed size, or is no whole array of numbers or texts.
     """
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename} is packed in a way that NumPy does not use")

@@ -38,15 +38,15 @@ def checked_sparse_matrix(
 
 
 def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> sparse.csc_array:
-    """Sparse matrix of `shape` from row, column (from 0) and value of each entry; entries at the same place are added.
+    """Sparse matrix of `shape` from row, column (from 0) and value of each entry; repeated entries are added.
 
     `rows`, `columns` and `values` are (n_entries,).
 
     Raises
     ------
     ValueError
-        If a row or column is no whole number or lies outside the matrix, lengths differ, or the shape is absurdly large
-        for so many entries.
+        If a row or column is no whole number or lies outside the matrix, lengths differ, or a side of `shape` is above
+        a million and 64 for each entry.
     """
     rows, columns = _as_whole_numbers("rows", rows), _as_whole_numbers("columns", columns)
     sides = _checked_shape(shape)

@@ -105,9 +105,9 @@ def hdf5_attributes(path: str) -> dict[str, StoredEntry]:
     attributes: dict[str, StoredEntry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        """Note the attributes of a dataset or group called `name` that are texts or at most 4096 numbers.
+        """Add attributes of `item`, a dataset or group, to `attributes` as ``name@key``, texts as lists.
 
-        Others are left out.
+        Numbers are (n,). Attributes of more than 4096 entries, of none and of other types are left out.
         """
         for key in item.attrs:
             value = item.attrs[key]
@@ -305,11 +305,12 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
 
 
 def ansys(path: str) -> dict[str, StoredEntry]:
-    """Contents of the ANSYS file at `path` by name: matrices from ``.full``, element matrices from ``.emat``.
+    """Contents of the Ansys file at `path` by name: matrices from ``.full``, element matrices from ``.emat``.
 
-    The keys are ``dofs``, ``held`` (constrained degrees of freedom), ``STIFFNESS`` and ``MASS``, or ``nodes``,
-    ``labels``, ``n_dof`` and ``elements``. A matrix is [shape, column starts, rows, values], left out if it is missing;
-    an element is a pair of equation numbers and values by kind of matrix.
+    Of ``.full``: ``dofs``, node and component (from 0) of each row, ``held``, those of constrained rows, and
+    ``STIFFNESS`` and ``MASS`` if there, one triangle each as [shape, column starts, rows, values]. Of ``.emat``:
+    ``nodes`` and ``labels``, those of nodes and of elements by index, ``n_dof``, the components of a node, and
+    ``elements``, for each a pair of equation numbers and values by kind of matrix.
     """
     from ansys.mapdl.reader import read_binary
 

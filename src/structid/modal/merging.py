@@ -612,10 +612,10 @@ def _best_shape(
     factors: ComplexArray,
     n_channels: int,
 ) -> ComplexArray:
-    """Weighted least-squares shape (n_channels,) of the parts, with the scale `factors` of the parts held.
+    """Weighted least-squares shape (n_channels,) of the parts at given scale `factors` (n_setups,) of the parts.
 
     `errors` are the standard deviations of the parts' entries, `index` their channels; part s is modelled as factors[s]
-    * shape[index[s]]. Entries of `parts`, `errors` and `index` are (n_own_channels,), `factors` is (n_setups,).
+    * shape[index[s]]. Each of `parts`, `errors` and `index` has one array (n_own_channels,) for each set-up.
     """
     top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
     for part, error, entries, factor in zip(parts, errors, index, factors, strict=True):

@@ -382,10 +382,11 @@ def _reading_errors(path: Path, when: str) -> Iterator[None]:
 def _sample_chunks(
     n_times: int, n_channels: int, first: int, last: int | None, longest: int | None
 ) -> Iterator[tuple[int, int]]:
-    """Yield consecutive ranges (begin, stop) of sample numbers that cover `first` to `last`, stop exclusive; None is the end.
+    """Yield consecutive ranges (begin, stop) of sample numbers that cover `first` to `last`, stop exclusive.
 
-    A range has at most `longest` samples; without it, the length depends on the size of the record, `n_times` by `n_channels`.
-    Raises `InputError` if the bounds lie outside of the record or `longest` is below 1.
+    `last` None is the end. A range has at most `longest` samples; for None, the length depends on the size of the
+    record, `n_times` by `n_channels`. Raises `InputError` if the bounds lie outside of the record or `longest` is below
+    1.
     """
     end = n_times if last is None else last
     if not 0 <= first <= end <= n_times:

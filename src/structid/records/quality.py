@@ -250,8 +250,8 @@ def spectral_checks(
 ) -> tuple[Finding, ...]:
     """Findings on record length, aliasing and mains hum in the motion channels among `sound`, which are column indices.
 
-    `band` (Hz) is the range of interest, whose lower end says how long the record has to be; without it the spectrum does. Empty
-    if there is no such channel; a record too short for a spectrum has that finding alone.
+    `band` (Hz) is the range of interest, whose lower end says how long the record has to be; without it the spectrum
+    does. Empty if there is no such channel; a record of fewer than 64 samples has a finding on that alone.
     """
     n = len(record.values)
     motion = [i for i in sound if record.quantities[i] != "force"]
@@ -349,7 +349,7 @@ def drifts(record: TimeRecord) -> tuple[Finding, ...]:
 
     The first 3 lines above 0 Hz must hold over 2 % of the power, and over 30 times the median of the next 20. Under a
     measured force, such slow motion comes from the amplifier; ambient motion may be slow by itself. Empty for sound
-    channels or too short a record.
+    channels or fewer than 92 samples.
     """
     motion = [
         i for i, quantity in enumerate(record.quantities) if quantity != "force" and np.ptp(record.values[:, i]) > 0
@@ -409,9 +409,10 @@ def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
 
 
 def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Findings on narrow lines of steady amplitude at multiples of 50 and 60 Hz.
+    """Findings on narrow lines of steady amplitude at multiples of 50 and 60 Hz, in a list.
 
-    `motion` are the indices of the motion channels. Empty for records too short to resolve the lines, or sampled below 120 Hz.
+    `motion` are the indices of the motion channels of `record`. Empty for records too short for lines 1 Hz apart in
+    five segments, or sampled below 120 Hz.
     """
     rate, n = record.sampling_rate, len(record.values)
     segment = min(round(rate / _LINE), n // 5)
@@ -629,10 +630,10 @@ def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
 
 
 def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
-    """Median level of the channels alike that move, for each channel, (n_channels,); 0 if none of them moves.
+    """Median level of the moving channels of each channel's kind, (n_channels,); 0 if none of them moves.
 
-    Alike are channels of the same quantity, both translations or both rotations. `level` (n_channels,) holds the
-    standard deviation of each channel.
+    Channels of one kind have the same quantity in `record`, and are both translations or both rotations. `level`
+    (n_channels,) holds the standard deviation of each channel.
     """
     kinds = [(q, c.is_rotation) for q, c in zip(record.quantities, record.channels, strict=True)]
     moving = np.ptp(record.values, axis=0) > 0

@@ -307,7 +307,8 @@ class _Search:
         `is_automatic` says that the search proposed the frequency, which needs stronger evidence than a user's: random
         motion must show as strong a line with a probability below 1e-6, else 1e-3. A tone that wanders needs 1e-6 in
         any case, and a kurtosis below 1.75. Of several phases that pass, multiples of other tones' among them, the one
-        with the greatest gain is subtracted.
+        with the greatest gain is subtracted. No tone counts near half the sampling rate or in fewer than some 800
+        periods.
         """
         if not self.is_inside(frequency):
             return f"no tone is taken off at {frequency:g} Hz, which is too near to half the sampling rate"
@@ -341,7 +342,7 @@ class _Search:
         """Subtract a tone with exactly this `phase`, a multiple of another tone's, if the evidence for it is strong.
 
         Random motion must show as strong a line with a probability below 1e-6. Nothing is done near half the sampling
-        rate or in too short a record.
+        rate or in a record of fewer than about 800 periods.
         """
         if not self.is_inside(phase.frequency) or _count_time_constants(phase.frequency, self.duration) < _FEWEST:
             return
@@ -359,9 +360,9 @@ class _Search:
         return _judge_blocks(blocks, phase, 0, _line_noise(blocks))
 
     def fits(self, frequency: float) -> list[_Evidence]:
-        """Evidence of a steady tone near `frequency` (Hz), then of one whose frequency wanders about it.
+        """Evidence of a steady tone near `frequency` (Hz), then of one whose frequency wanders about it, as a list.
 
-        The frequency is looked for within 0.6 %. Where the record is too short for a spline, both are evidence of a
+        The frequency is searched for within 0.6 %. Where the record is too short for a spline, both are evidence of a
         steady tone.
         """
         start = _Phase(frequency, self.duration, np.zeros(0))

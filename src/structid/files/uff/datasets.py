@@ -130,9 +130,10 @@ def _truncation_error(path: Path, ordinal: int) -> FileError:
 
 
 def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[UffDataset, int]:
-    """The dataset whose number (its kind) stands at byte `begin_of_head` of the file `data`, and the byte after its closing tag.
+    """The dataset whose number (its kind) stands at byte `begin_of_head` of the file `data`, and the byte behind it.
 
-    `count` is its place in the file, from 1. Raises `FileError` if it has no number or is cut short.
+    It ends with its closing tag; `count` is its ordinal in the file, from 1. Raises `FileError` if it has no number or
+    is cut short.
     """
     if not data[begin_of_head : begin_of_head + 6].strip().isdigit():
         raise FileError(f"{path}: dataset {count} has no number (byte {begin_of_head}); the file is damaged")

@@ -160,8 +160,9 @@ class _Word(NamedTuple):
 def _canonical_column(cell: str) -> _Word:
     """The module's name of a column, factor to its unit, and words on an assumed unit, from a header of any program.
 
-    `cell` is the text of the header. Factors lead to Hz and to damping ratios; the words are "" where nothing is assumed. The
-    name is "" for columns of no use, and the text itself, with factor 1, for a column that is none of frequencies or damping.
+    `cell` is the text of the header. Factors lead to Hz and to damping ratios; the words are "" where nothing is
+    assumed. The name is "" for a complexity, which is not read, "mode" for a counter, and the text itself, with factor
+    1, for any other column that is none of frequencies or damping.
 
     Raises
     ------

@@ -345,10 +345,10 @@ def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list
 def _turn_to_global_axes(
     universal: UniversalNodes, nodes: Sequence[int], values: NDArray[np.complex128], notes: list[str]
 ) -> None:
-    """Turn `values` (mode, node, direction) of nodes with their own displacement systems to global axes, in place.
+    """Turn `values` (mode, node, direction) of nodes with displacement systems of their own to global axes, in place.
 
-    Remarks are appended to `notes`. `FileError` if a node was measured in directions that are along no global axes.
-    `universal` has the nodes' coordinate systems, `nodes` are the labels along the second axis.
+    Remarks are appended to `notes`. `FileError` if the directions measured at a node span more global axes than there
+    are of them. `universal` has the nodes' coordinate systems, `nodes` are the labels along the second axis.
     """
     n_turned = 0
     for i, node in enumerate(nodes):
@@ -374,7 +374,7 @@ def _turn_to_global_axes(
 
 
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
-    """Mode in one dataset 55 of a universal file (its `lines`), or words on why it holds no mode.
+    """Mode in one dataset 55 of a universal file (its `lines`), or words on other data, such as "results of buckling".
 
     `where` names the dataset in errors. `FileError` if a record is damaged, too short or not finite.
     """
@@ -395,7 +395,7 @@ def _read_55(where: str, lines: list[str]) -> _Mode | str:
 
 
 def _read_2414(where: str, lines: list[str]) -> _Mode | str:
-    """Mode in one dataset 2414 of a universal file (its `lines`), or words on why it holds no mode.
+    """Mode in one dataset 2414 of a universal file (its `lines`), or words on other data, as "results of buckling".
 
     `where` names the dataset in errors. `FileError` if a record is damaged, too short or not finite.
     """

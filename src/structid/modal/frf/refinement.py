@@ -540,9 +540,9 @@ class DrivingPoint:
 def scaled_shapes(modes: FrfModes, driving: list[DrivingPoint] | None) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """Shapes of largest entry 1, or of modal mass 1 by the driving point that moves most in each mode.
 
-    `driving` None asks for the largest entry. Mass scaling: the residue at the driving point is phi_d^2 / (2 i omega_d) with
-    omega_d the damped circular frequency Im p, exact for proportional damping; for complex modes it says that modal a is
-    2 i omega_d.
+    `driving` None asks for the largest entry. Mass scaling: the residue at the driving point is phi_d^2 / (2 i omega_d)
+    with omega_d the damped circular frequency Im p, exact for proportional damping; for complex modes it says that
+    modal a is 2 i omega_d. The sign is that of a largest entry with a positive real part.
 
     Returns
     -------

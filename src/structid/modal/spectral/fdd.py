@@ -254,7 +254,8 @@ def _decay(
     """Decay of the correlation functions of spectra `values` (n_draws, n_lines); None if too short or slow to fit.
 
     The result has decay rates (1/s) and distances of the damped frequency from the peak (rad/s), (n_draws,) each. The
-    first spectrum decides which lags serve: from 0.9 to 0.2 of its start.
+    first spectrum decides which lags serve: from 0.9 to 0.2 of its start. None if fewer than 6 of the 400 lags lie
+    there, or it never falls below 0.2.
 
     Parameters
     ----------

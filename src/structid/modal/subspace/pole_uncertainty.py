@@ -60,7 +60,7 @@ class SingularVectorChanges:
 
         `changes` yields pairs d_b V_n, (n_rows, max_order), and d_b' U_n, (n_columns, max_order), one after another,
         with V_n and U_n the leading `max_order` vectors. The result has U' d_b V_n, V' d_b' U_n and the part of d_b V_n
-        outside of U, with b as first axis.
+        outside of U (None if U has as many columns as rows), with b as first axis.
         """
         u, v = subspace.left, subspace.right
         right, left, outside = [], [], []

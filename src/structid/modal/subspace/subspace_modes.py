@@ -361,11 +361,11 @@ def _is_steady(data: ScaledMotion, modes: ModalRecord) -> NDArray[np.bool_]:
 
 
 def _block_rows(data: ScaledMotion, wanted: int | None) -> int:
-    """Number of block rows of the Hankel matrix: `wanted`, or else enough for the largest model order.
+    """Number of block rows of the Hankel matrix: `wanted`, or by default enough for the largest model order.
 
-    By default they have room for 120 states (twice the greatest order of 60), and are at least 30, but at most an
-    eighth of the samples of the shortest record. `InputError` if it is below 2, so by default if a record has fewer
-    than 16 samples.
+    The default has room for 120 states (twice the greatest order of 60), and is at least 30, but at most an eighth of
+    the samples of the shortest record of `data`. `InputError` if the number is below 2, so by default if a record has
+    fewer than 16 samples.
     """
     shortest = min(len(y) for y in data.series)
     if wanted is not None:
@@ -853,9 +853,12 @@ def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> Flo
 
 
 def _warnings(data: ScaledMotion, s: ComplexArray, n_pieces: int) -> list[str]:
-    """Warnings on modes with poles `s` (rad/s) that are doubtful: one channel only, or records or pieces that are too short.
+    """Warnings on modes with poles `s` (rad/s) that are doubtful, with remedies; [] if none is.
 
-    `n_pieces` is the number of pieces behind the covariance, 0 where pieces were not used.
+    They are on one channel only, on modes of less than three periods in the longest record of `data`, and, unless
+    `n_pieces` is 0, on modes for which an eighth of the records (or a piece, if there are fewer than 8) is shorter than
+    two periods or than the memory 1 / (zeta omega). `n_pieces` is the number of pieces behind the covariance, 0 where
+    none are used.
     """
     notes, duration, omega = [], data.duration, np.abs(s)
     if data.n_channels == 1:

@@ -86,9 +86,10 @@ def modes_of_setups(
 
 
 def recovered_modes(result: ModesResult, merging: MergedModes, number: int) -> ModalRecord | None:
-    """Modes that set-up `number` (from 0) lacks in `merging` but its record shows near the merged frequency; None if none.
+    """Modes that set-up `number` (from 0) lacks in `merging` but its record shows near the merged frequency.
 
-    `result` is that of the set-up. Only modes within its frequency limits are looked for, and only in time records and FRFs.
+    `result` is that of the set-up. Only modes within its frequency limits are searched for, and only in time records
+    and FRFs. None if there are none.
     """
     lost = np.flatnonzero(merging.members[number] < 0)
     limits = result.identification.options.criteria.frequency

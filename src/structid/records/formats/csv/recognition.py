@@ -294,9 +294,9 @@ def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[
 
 
 def _guess_separator(lines: Sequence[str]) -> str:
-    """The separator at which most sampled lines split into rows of numbers.
+    """The separator at which most sampled lines split into rows of numbers; " " stands for any blanks.
 
-    If no sampled line does, the most frequent of semicolon, tab and comma in the first line, outside of quotes.
+    If no sampled line does, the most frequent of semicolon, tab and comma in the first of `lines`, outside of quotes.
     """
     step = max(1, len(lines) // _SAMPLE)
     sample = lines[-1::-step][:_SAMPLE]
