@@ -71,7 +71,7 @@ def participation_table(prediction: StudyPrediction) -> Table | None:
 
 
 def outputs_table(prediction: Prediction | PredictedChange, title: str = "Largest") -> Table:
-    """Table of a quantity with one value for each output, such as the largest predicted motion of each sensor.
+    """Table of a quantity with one value for each output, such as the largest predicted motion, with 95 % intervals.
 
     `title` heads the column of values; with changes there are columns before, after and for the difference instead.
     """

@@ -142,9 +142,10 @@ def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple
 def _read_record(
     section: Section | None, files: InputFiles, structure: Structure, aimed: Mapping[str, str]
 ) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
-    """The FRF record that ``[record]`` describes, its declared noise, and notes; the record is None if it cannot be used yet.
+    """The FRF record that ``[record]`` describes, its declared noise, and notes; None and no noise if not usable yet.
 
-    That is so without a section, without its file, or for measured modes. `aimed` gives the structure's names of aimed sensors.
+    That is so without a section, without the record's file, or for measured modes: what the section declares as noise
+    is not read then. `aimed` gives the structure's names of aimed sensors.
     """
     if section is None:
         return None, NoiseSource(), ()

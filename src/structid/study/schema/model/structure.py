@@ -511,7 +511,10 @@ def _read_supports(section: Section, mesh: Mesh | None, nodes: Positions) -> lis
 
 
 def _read_base(entry: Section, nodes: Positions) -> Base:
-    """The base of one ``[[structure.base]]`` table: supports that move together, after a check that their nodes exist."""
+    """The base of one ``[[structure.base]]`` table: supports that move together.
+
+    `StudyError` if the node of a support is not in `nodes`.
+    """
     values = entry.values(_BASE)
     supports: list[str | Dof] = []
     for text in as_list(values["supports"]):
