@@ -145,10 +145,10 @@ class ChannelErrors(NamedUnknowns):
         return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
 
     def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Derivative of the logarithm of a reading by each error, (n_frequencies, n_params).
+        """Derivative of the logarithm of the reading of a channel by each error that it has, (n_frequencies, n_params).
 
-        It is 1 / gain for a gain and -s for a delay. `physical` (n_params,) are the errors, `laplace` (n_frequencies,)
-        is s in 1/s. The column of a window's decay is 0.
+        It is 1 / gain for a gain and -s for a delay, the same for every channel. `physical` (n_params,) are the errors,
+        `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay is 0.
         """
         slopes = np.zeros((len(laplace), self.n_params), dtype=np.complex128)
         gains = self.rows("gain")
@@ -384,7 +384,7 @@ def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, 
 def _require_distinct(groups: list[_Group]) -> None:
     """Raise `InputError` if two parameters have the same name, or are the same property of the same channel.
 
-    A parameter of no channel, the decay of a window, counts as one of a channel of its own.
+    Decays of windows name no channel; two of them count as the same property of the same channel.
     """
     names: set[str] = set()
     owner: dict[tuple[str, str, int], str] = {}

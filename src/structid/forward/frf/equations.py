@@ -21,8 +21,8 @@ _MOST_ITERATIONS = 20
 def measures_everything(structure: Structure, record: FrfRecord) -> bool:
     """True if the sensors of `record` determine the motion of every free degree of freedom of `structure`.
 
-    They do if their rank is the number of these. False without any, for responses per motion instead of force, and with
-    measured components.
+    They do if their rank is the number of these. False if the structure has no free degree of freedom, for responses
+    per motion instead of force, and with measured components.
     """
     if record.is_per_motion or structure.measured:
         return False
@@ -91,10 +91,10 @@ def _motion(structure: Structure, record: FrfRecord) -> ComplexArray:
 def _equations(
     structure: Structure, unknown: Parameters, physical: FloatArray, motion: ComplexArray, coefficients: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Forces Z(p) x, (n_frequencies, n_dofs, n_inputs), and their derivative by p, (..., n_params).
+    """Forces Z(p) x, (n_frequencies, n_dofs, n_inputs), and their derivative by p, (..., n_params), at fixed motion x.
 
-    `physical` (n_params,) are the parameters p, `motion` (n_frequencies, n_dofs, n_inputs) is x, and `coefficients`
-    (n_frequencies, n_matrices) are those of the matrices in Z.
+    Z is the dynamic stiffness. `physical` (n_params,) are the parameters p, `motion` (n_frequencies, n_dofs, n_inputs)
+    is x, and `coefficients` (n_frequencies, n_matrices) are those of the matrices in Z.
     """
     matrix_kinds = structure_matrix_kinds(structure)
     values = unknown.values(physical)

@@ -181,9 +181,10 @@ def _newton_step(
 ) -> FloatArray:
     """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most.
 
-    `motions` (n_frequencies, n_contacts, 1 + n_contacts) are those of the contacts without friction: under the drive, then under
-    unit contact forces. `force` (n_contacts,) is the friction force per unit drive, `floor` the least amplitude, at which a
-    contact that sticks stays. `size` and `floor` are (n_frequencies, n_contacts), `identity` is (n_contacts, n_contacts).
+    `motions` (n_frequencies, n_contacts, 1 + n_contacts) are those of the contacts without friction: under the drive,
+    then under unit contact forces. `force` (n_contacts,) is the friction force per unit drive, `floor` the least
+    amplitude, that of a contact that sticks. `size` and `floor` are (n_frequencies, n_contacts), `identity` is
+    (n_contacts, n_contacts).
     """
     pull = 1j * force / size
     solved = solve_small_systems(identity + motions[..., 1:] * pull[:, None, :], motions)

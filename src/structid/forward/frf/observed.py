@@ -57,11 +57,11 @@ class ErrorsOfEntry:
 
 
 def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-    """Yield errors of all receptance entries with stated variance of the measured components.
+    """Yield an `ErrorsOfEntry` for each entry (i, j), i <= j, of every measured component of stated variance.
 
-    An entry and its reciprocal count as one. The change of the response is g' dY q with g and q the interface forces
-    under a unit force at a sensor and under the load, at parameters `physical` (n_params,). Nothing comes without
-    measured components of stated variance.
+    It has the standard deviation of the receptance entry (m/N), its weight at each line of the model, and the change of
+    the FRFs, in the kind of the record, per m/N: g' dY q, with g and q the interface forces under a unit force at a
+    sensor and under the load, at parameters `physical` (n_params,). An entry and its reciprocal count as one.
     """
     solver, structure = model.solver, model.slopes.structure
     if not isinstance(solver, SubstructureCoupling) or all(
@@ -153,8 +153,8 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
 def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
     """Change of the whitened data by one standard deviation of each component error, (n_errors, n_data).
 
-    Data are real parts, then imaginary parts; `errors` must have an entry. None if n_data (n_data + n_errors) exceeds
-    2e7.
+    Rows follow `errors` (one at least), the real part of an entry before the imaginary one, lines of its component
+    fastest. Columns are real parts of the data, then imaginary ones. None if n_data (n_data + n_errors) exceeds 2e7.
     """
     changes: list[FloatArray] = []
     for entry, rows in _whitened_changes(errors, whitening):

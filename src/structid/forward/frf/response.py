@@ -286,8 +286,9 @@ def _coupled(
 ) -> SubstructureCoupling:
     """Solver of `structure`, whose driving supports `bases` are released already, coupled to its measured components.
 
-    `solver` is that of it alone, `slopes` its matrices and their derivatives, `sides` its loads and sensors. Columns:
-    bases, then components. `InputError` for window decay with components, friction or a sensor at `bases`.
+    `solver` solves the structure alone, `slopes` has its matrices and their derivatives, `sides` its loads and sensors.
+    Coupled are the bases, in their order, then the interfaces of the components. Raises `InputError` for components if
+    `record` has a window decay, and for bases with friction contacts or with a sensor on one.
     """
     driven = _driven(structure, bases, record, sides)
     interface = structure.selection([dof for component in structure.measured for dof in component.interface])

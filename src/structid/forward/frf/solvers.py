@@ -250,8 +250,9 @@ class SubstructureCoupling:
         """Yield the lines, the fields of the model alone and the interface forces of one block of lines after another.
 
         Fields (n, n_dofs, n_joined + n_loads) are under unit interface forces, then under the load columns `right`
-        (n_dofs, n_loads); forces are (n, n_joined, n_loads). `physical` (n_params,) are the parameters, `coefficients`
-        (n_lines, n_matrices) the factors of the matrices in the dynamic stiffness.
+        (n_dofs, n_loads). Forces (n, n_joined, n_loads) are those of the model on bases and components, so that the
+        model feels their negative. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) the
+        factors of the matrices in the dynamic stiffness.
         """
         n_joined = self.joined.shape[1]
         prescribed = np.zeros((n_joined, right.shape[1]))

@@ -365,9 +365,9 @@ def output_rows(
 def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool) -> FloatArray | None:
     """Joint variations (n_changes, n_data) of the data rows, whose products sum to their covariance; None if unknown.
 
-    None if the record does not say how its numbers vary together; the rows then count as independent. Rows are in the
-    order of `output_rows`. `physical` are the parameters of the structure, then those of channel errors; with
-    `in_order` modes are paired by frequency order.
+    It is unknown if the record does not say how its numbers vary together; data rows then count as independent. Their
+    order is that of `output_rows`: shapes and mixing group by group, frequencies, damping ratios. `physical` are the
+    parameters of the structure, then of channel errors; with `in_order` modes are paired by frequency order.
     """
     if data.changes is None:
         return None

@@ -261,7 +261,8 @@ def linear_estimate(
     variance of the rows comes from their residual, and chi-square is NaN. `fixed` holds the fixed values at `values`;
     None takes them as exact. `history` are the values of all iterations, `converged` and `message` say how they ended,
     and a chi-square less probable than `misfit_probability` counts as model error, whose covariance is then adopted.
-    `n_starts` is the number of starting points that were tried.
+    A parameter is identified if its adopted standard deviation is at most its size. `n_starts` is the number of
+    starting points that were tried.
     """
     unknown = rows.parameters
     n_params, determined = unknown.n_params, values is not None

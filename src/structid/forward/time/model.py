@@ -93,7 +93,7 @@ class TimeModel:
         Raises
         ------
         InputError
-            If one reads a support that drives.
+            If a sensor reads a support that drives the structure.
         """
         columns = np.asarray(self.moving.selection(self.sensors).toarray(), dtype=np.float64)
         still = np.delete(columns, self.free, axis=0).any(axis=0)
@@ -153,7 +153,8 @@ class TimeModel:
     def unit_pulses(self, values: FloatArray, n_times: int) -> FloatArray:
         """Readings from rest for a unit of each force sample alone, (n_times, n_sensors, n_times, n_loads).
 
-        `values` (n_params,) are the parameters.
+        They are indexed by the sample that is read, the sensor, the force sample that is 1, and its load. `values`
+        (n_params,) are the parameters.
         """
         system, n_loads = self._linear(values, derivatives=False), len(self.loads)
         readings = np.zeros((n_times, len(self.sensors), n_times, n_loads))
