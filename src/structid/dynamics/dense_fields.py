@@ -63,9 +63,8 @@ class DenseFields:
         Parameters
         ----------
         coefficients : (n_lines, n_matrices) complex array
-                Weights at each line of the matrices of mass (s^2), viscous damping (s), stiffness (1) and structural
-            damping
-            (i), and of the friction contacts, which may differ from line to line.
+            Weights of the matrices at each line: mass (s^2), viscous damping (s), stiffness (1), structural damping
+            (i), then friction contacts, whose weights may differ from line to line.
         loads : (n_chosen,) int array
             Columns of the attribute `loads`.
         reader : (n_read, n_dofs) float array, optional
@@ -214,7 +213,10 @@ class _ModalFields:
 
     @cached_property
     def _residues(self) -> ComplexArray:
-        """Fields (n_terms, n_dofs * n_loads) that the `_weights` go with: of each near pole, then of each power."""
+        """Field of each term of the modal sum, (n_terms, n_dofs * n_loads), loads fastest; `_weights` multiplies them.
+
+        Terms are the poles near the lines, then powers of the variable t (from 0), which stand for all far poles.
+        """
         near, far = ~self._far, self._far
         fields = self.shapes.T[near, :, None] * self.drive[near, None, :]
         if far.any():

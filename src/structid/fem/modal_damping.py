@@ -184,9 +184,9 @@ class ModalDamping(Factor):
     def _solve_modes(self, values: FloatArray) -> ModalState:
         """Modes at property values (n_values,), with phi' (M + K / c) phi = 1; c balances mass and stiffness.
 
-        c is the least ratio of diagonal entries of K and M, 1 if there is none above 0. The result has shapes, their
-        products with M + K / c, and square roots of modal mass and stiffness. Raises `SingularModelError` if a motion
-        has neither.
+        c is the least ratio of diagonal entries of K and M, 1 if there is none above 0. The result has shapes, the
+        highest frequency first, their products with M + K / c, and square roots of modal mass and stiffness. Raises
+        `SingularModelError` if a motion has neither.
         """
         mass, stiffness = (self._dense_matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness"))
         has_mass = np.diag(mass) > 0

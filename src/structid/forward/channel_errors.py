@@ -382,7 +382,7 @@ def _channel_indices(key: str, given: str | Sequence[str], channels: tuple[Dof, 
 
 
 def _require_distinct(groups: list[_Group]) -> None:
-    """Raise `InputError` if two parameters have the same name, or are the same property of the same channel.
+    """Raise `InputError` if two parameters in `groups` share a name, or are the same property of the same channel.
 
     Decays of windows name no channel; two of them count as the same property of the same channel.
     """

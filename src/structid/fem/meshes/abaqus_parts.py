@@ -274,7 +274,7 @@ def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: Keywor
     """Pairs (obstacle, part) of a *ROTARY INERTIA block: one for each element of its set, turned with the instance.
 
     The obstacle is "" unless an orientation is given. Values are xx, yy, zz, xy, xz, yz, those left out 0. Names are
-    looked up in `scope`, where the block stands. Raises `ValueError` if there is no such set.
+    looked up in `scope` of `deck`, where the block stands. Raises `ValueError` if there is no such set.
     """
     name = block.options.get("ELSET", "")
     xx, yy, zz, xy, xz, yz = (deck.units.inertia * value for value in numbers_of(block.rows[0], 6))
@@ -289,9 +289,10 @@ def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: Keywor
 def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of a *SPRING or *DASHPOT block: one for each element of its set.
 
-    The obstacle is "" if there is none. Types ending in 1 act between a node and the ground, in 2 between two degrees
-    of freedom, in A along the line of two nodes. Names are looked up in `scope`, where the block stands. Raises
-    `ValueError` if there is no such set.
+    Obstacles ("" if none) are values that are nonlinear, complex or tabled, an orientation, a turned instance, and
+    nodes at one place. Types ending in 1 act between a node and the ground, in 2 between two degrees of freedom, in A
+    along the line of two nodes. Names are looked up in `scope` of `deck`, where the block stands. Raises `ValueError`
+    if there is no such set.
     """
     name = block.options.get("ELSET", "")
     rows = [row for row in block.rows if any(row)]
@@ -344,7 +345,7 @@ def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock
     """Pairs (obstacle, part) of an *EQUATION block: a constraint for each equation and node.
 
     The obstacle is "" if there is none. The first term of an equation is the dependent one. Names are looked up in
-    `scope`, where the block stands. Raises `ValueError` if terms are missing.
+    `scope` of `deck`, where the block stands. Raises `ValueError` if terms are missing.
     """
     items: ObstaclesAndParts = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
@@ -361,8 +362,9 @@ def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock
 def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequence[str]]) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of an equation: a constraint for each node where terms name node sets.
 
-    The obstacle is "" if there is none; a turned instance is one. Sets are looked up in `scope`. `terms` are (node or
-    set, component from 1, factor) in words, the dependent one first. Raises `ValueError` if the sets differ in size.
+    A turned instance, a node with directions of its own and a term that is no displacement are obstacles: a single pair
+    then; else they are "". Sets are looked up in `scope` of `deck`. `terms` are (node or set, component from 1, factor)
+    in words, the dependent one first. Raises `ValueError` if the sets differ in size.
     """
     if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
         return [(_TURNED, DeckPart("EQUATION", 1))]
@@ -401,9 +403,9 @@ def _is_unsorted(deck: _AssemblyContext, scope: PartData, word: str) -> bool:
 def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of an *MPC block, with the ties of each dependent node; the obstacle is "" if none.
 
-    Types BEAM, TIE and PIN are taken. The first node or set of a line is the dependent one; the second has one node, or
-    as many. Names are looked up in `scope`, where the block stands. Raises `ValueError` if nodes are not there or sets
-    differ in size.
+    Types BEAM, TIE and PIN are taken; another one is an obstacle. The first node or set of a line is the dependent one;
+    the second has one node, or as many. Names are looked up in `scope` of `deck`, where the block stands. Raises
+    `ValueError` if nodes are not there or sets differ in size.
     """
     items: ObstaclesAndParts = []
     for row in block.rows:
@@ -440,8 +442,9 @@ def _make_ties(kind: str, main: int, dependent: int) -> Ties:
 def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pair (obstacle, part), as a list of one, of a *RIGID BODY block: nodes of its sets move with the reference node.
 
-    The obstacle is "" if there is none. Nodes of the pinned set follow in translations only. Names are looked up in
-    `scope`, where the block stands. Raises `ValueError` if a node or set is not there.
+    Obstacles ("" if none) are a rotation node of its own, an analytical surface, and no reference node. Nodes of the
+    pinned set follow in translations only. Names are looked up in `scope` of `deck`, where the block stands. Raises
+    `ValueError` if a node or set is not there.
     """
     options = block.options
     if options.get("ROT NODE") or "ANALYTICAL SURFACE" in options:
@@ -466,8 +469,8 @@ def _named_nodes(deck: _AssemblyContext, scope: PartData, name: str) -> list[int
 def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> list[int]:
     """Labels in the mesh of the nodes of all elements in the set `name`, sorted.
 
-    The set is looked up in `scope`, a part, an instance or the assembly. Empty if `name` is ""; raises `ValueError` if
-    there is no such set.
+    The set is looked up in `scope` of `deck`, a part, an instance or the assembly. Empty if `name` is ""; raises
+    `ValueError` if there is no such set.
     """
     if not name:
         return []
@@ -478,8 +481,9 @@ def _nodes_of_elements(deck: _AssemblyContext, scope: PartData, name: str) -> li
 def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pairs (obstacle, part) of a *KINEMATIC COUPLING block, one a data line; the obstacle is "" if there is none.
 
-    The nodes of a line follow the reference node rigidly in the components that the line names. Names of nodes and sets
-    are looked up in `scope`, the part of the assembly in which the block stands.
+    The nodes of a line follow the reference node rigidly in the components that the line names. An orientation is an
+    obstacle, and oblique directions of a node or a turned instance unless all six components follow. Names are looked
+    up in `scope` of `deck`, where the block stands. Raises `KeyError` without a reference node.
     """
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
     items: ObstaclesAndParts = []
@@ -493,9 +497,10 @@ def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: Key
 def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
     """Pair (obstacle, part), as a list of one, of a *COUPLING block and the *KINEMATIC or *DISTRIBUTING behind it.
 
-    The obstacle is "" if there is none. Kinematic: nodes of the surface follow the reference node; distributing: it
-    moves as their mean, weighted by area. Names are looked up in `scope`, where the block stands. Raises `ValueError`
-    if the surface or the node cannot be read.
+    Kinematic: nodes of the surface follow the reference node; distributing: it moves as their mean, weighted by area.
+    Other kinds, a radius of influence, an orientation and weights that are not uniform are obstacles ("" if none).
+    Names are looked up in `scope` of `deck`, where the block stands. Raises `ValueError` if the surface or the node
+    cannot be read.
     """
     next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
     law = next_blocks[0].keyword if next_blocks else ""
@@ -545,8 +550,8 @@ def _read_surface_tie(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
     """Pairs (obstacle, part) of a *TIE block, for each pair of surfaces; the obstacle is "" if there is none.
 
     Nodes of the first surface that are near the faces of the second move with these; others are counted as a part that
-    the solver leaves free. Surfaces are looked up in `scope`, where the block stands. Raises `ValueError` if surfaces
-    cannot be read.
+    the solver leaves free, which is an obstacle. Surfaces are looked up in `scope` of `deck`, where the block stands.
+    Raises `ValueError` if surfaces cannot be read.
     """
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]

@@ -243,7 +243,7 @@ def _nearest(shape: CellShape, point: FloatArray, corners: FloatArray) -> FloatA
 
 
 def _on_face(shape: CellShape, local: FloatArray, tangents: FloatArray) -> FloatArray:
-    """The point (2,) of the reference square or triangle nearest to `local` (2,), itself if it is inside.
+    """The point (2,) of the reference square or triangle of `shape` nearest to `local` (2,), itself if it is inside.
 
     Distances are those that `tangents` (2, 3), the derivatives of the position, give.
     """

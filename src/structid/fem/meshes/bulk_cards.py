@@ -340,7 +340,10 @@ def _expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tup
 
 
 def _may_replicate(line: bytes) -> bool:
-    """True if a line of bulk data may stand for other cards: it begins with `=`, or has a field `=` or `*n`."""
+    """True if a line of bulk data may stand for other cards: it begins with `=`, or has a free field `=`, `==` or `*n`.
+
+    A card in fixed fields does not, nor a comment behind `$`.
+    """
     text = line.split(b"$")[0].strip()
     if text.startswith(b"="):
         return True

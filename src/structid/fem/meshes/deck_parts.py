@@ -346,11 +346,11 @@ def weights_along(
 def weights_between(
     ends: Iterable[tuple[int, int, float]], axes_at: Callable[[int], FloatArray], units: DeckUnits
 ) -> tuple[dict[tuple[int, str], float], bool]:
-    """Weights {(node, direction): weight} of the displacements that a spring or dashpot acts on, and True if rotational.
+    """Weights {(node, direction): weight} of the displacements that a spring acts on, and True if it is rotational.
 
-    `ends` are (node, component from 0, sign); components from 3 on are rotations, and one of them makes the spring
-    rotational, so that translations beside it are divided by a length in m. `axes_at` gives a node's directions of
-    motion as rows (3, 3). Weights of one direction add up.
+    The same for a dashpot. `ends` are (node, component from 0, sign); components from 3 on are rotations, and one of
+    them makes the spring rotational, so that translations beside it are divided by a length in m, by `units` of the
+    file. `axes_at` gives a node's directions of motion as rows (3, 3). Weights of one direction add up.
     """
     ends = tuple(ends)
     is_rotation = any(component > 2 for _, component, _ in ends)

@@ -310,7 +310,7 @@ def _conm2_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> Float
     """Mass matrix (6, 6) of a CONM2 card in global directions and SI units, translations before rotations.
 
     `fields` are those of the card of the grid point `node`: also its coordinate system, -1 for a centre of gravity in
-    basic coordinates.
+    basic coordinates. `deck` gives positions, coordinate systems and units.
     """
     system, mass = _whole(fields[2]), deck.units.mass * _real(fields[3])
     arm = deck.units.length * np.array([_real(word) for word in fields[4:7]])
@@ -324,7 +324,8 @@ def _conm2_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> Float
 def _conm1_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> FloatArray:
     """Mass matrix (6, 6) of a CONM1 card in global directions and SI units, translations before rotations.
 
-    `fields` are those of the card of the grid point `node`, with the lower triangle by rows.
+    `fields` are those of the card of the grid point `node`, with the lower triangle by rows; `deck` gives coordinate
+    systems and units.
     """
     matrix = np.zeros((6, 6))
     matrix[np.tril_indices(6)] = [_real(word) for word in fields[3:24]]
@@ -336,7 +337,7 @@ def _conm1_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> Float
 def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, list[str]]:
     """Fields of each property, by its number, from cards `name` that hold several properties of `width` fields each.
 
-    The number itself is the first of these, and is left out.
+    The number itself is the first of these, and is left out. `deck` has the cards; {} if it has none of that name.
     """
     table: dict[int, list[str]] = {}
     for row in deck.rows(name):
@@ -410,8 +411,9 @@ def _bush_weights(
 ) -> dict[tuple[int, str], float]:
     """Weights, by (node, direction), of the displacement of the second end less the first along `axis` at the spring.
 
-    `second` is 0 for the ground. `axis` (3,) is a unit vector; rotations about it are meant if `is_rotation`. The
-    spring is at `fraction` of the way from the first to the second node, and moves with each as a rigid body.
+    `first` and `second` are labels of nodes, `second` 0 for the ground; `deck` has their positions. `axis` (3,) is a
+    unit vector; rotations about it are meant if `is_rotation`. The spring is at `fraction` of the way from the first to
+    the second node, and moves with each as a rigid body.
     """
     weights = weights_along(first, axis, is_rotation, -1.0)
     ends = [(first, -1.0, fraction), (second, 1.0, fraction - 1.0)] if second else [(first, -1.0, 0.0)]
@@ -434,8 +436,9 @@ def _bush_axes(
 ) -> tuple[FloatArray | None, str]:
     """Axes of the element as rows (3, 3), zero where the card does not state them, and an obstacle ("" if none).
 
-    The axes are None with an obstacle, or, without one, if a CBUSH has neither a coordinate system nor a length.
-    `first` and `second` (0 for the ground) are its nodes, `fields` those of the card `name`.
+    They are in global directions; None with an obstacle, or, without one, if a CBUSH has neither a coordinate system
+    nor a length. `first` and `second` (0 for the ground) are its nodes, `fields` those of the card `name`; `deck` gives
+    positions and systems.
     """
     system = fields[7] if name == "CBUSH" else fields[4] if name == "CBUSH1D" else ""
     if system:
@@ -462,9 +465,10 @@ def _bush_axes(
 
 
 def _read_pbush(deck: _DeckContext) -> Values:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card, by number, in the unit of the file.
+    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card of `deck`, by the number of the card.
 
-    The obstacle is "" unless the stiffness is rigid, tabled or has a mass; the loss factor is the first GE.
+    They are in the unit of the file. The obstacle is "" unless the stiffness is rigid, tabled or has a mass; the loss
+    factor is the first GE.
     """
     values: Values = {}
     for words in deck.rows("PBUSH"):
@@ -486,10 +490,10 @@ def _read_pbush(deck: _DeckContext) -> Values:
 
 
 def _read_pbush1d(deck: _DeckContext) -> Values:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH1D card, by number, in the unit of the file.
+    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH1D card of `deck`, by number.
 
-    Only the first, axial, entries are not 0, and the loss factor is 0; the obstacle is "" unless it has a mass or is
-    nonlinear.
+    They are in the unit of the file. Only the first, axial, entries are not 0, and the loss factor is 0; the obstacle
+    is "" unless it has a mass or is nonlinear.
     """
     values: Values = {}
     for row in deck.rows("PBUSH1D"):
@@ -500,9 +504,9 @@ def _read_pbush1d(deck: _DeckContext) -> Values:
 
 
 def _read_pvisc(deck: _DeckContext) -> Values:
-    """Stiffness (0), damping (6,), loss factor (0) and obstacle ("") of each PVISC card, by number, unit of the file.
+    """Stiffness (0), damping (6,), loss factor (0) and obstacle ("") of each PVISC property of `deck`, by its number.
 
-    Axial and torsional damping are its entries 0 and 3; a card may hold two properties.
+    They are in the unit of the file. Axial and torsional damping are entries 0 and 3; a card may hold two properties.
     """
     values: Values = {}
     for row in deck.rows("PVISC"):
@@ -540,7 +544,8 @@ def _make_rigid_element(
 def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     """Obstacle ("" if none) and ties from an RBE2 card: nodes that follow a main node in some components.
 
-    `fields` are those of the card. Obstacles are scalar points and oblique directions.
+    `fields` are those after the card's name; `deck` has positions and directions of nodes. Obstacles are scalar points
+    and oblique directions; there are no ties then. Raises `ValueError` or `IndexError` for a field that cannot be read.
     """
     main = int(fields[1])
     dependents = _node_list([word for word in fields[3:] if _is_listed(word) or not _is_number(word)])
@@ -554,8 +559,9 @@ def _follow_rigidly(
 ) -> ObstacleAndTies:
     """Obstacle ("" if none) and ties of nodes that follow the node `main` rigidly in some of their components.
 
-    `dependents` are these nodes; `components` are digits from 1 to 6, such as "123"; with all six the tie is a rigid
-    link called `name`.
+    `dependents` are these nodes, whose positions and directions `deck` has; `components` are digits from 1 to 6, such
+    as "123"; with all six the tie is a rigid link called `name`, else a constraint each, and oblique directions are an
+    obstacle, without ties.
     """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
@@ -573,7 +579,7 @@ def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     """Obstacle ("" if none) and ties from an RBAR card: one of its two nodes follows the other rigidly.
 
     Obstacles are independent components at both nodes, and scalar points; there are no ties then. `fields` are those
-    after the card's name.
+    after the card's name; `deck` has positions and directions of nodes.
     """
     padded = _pad_words(fields, 8)
     first, second = int(padded[1]), int(padded[2])
@@ -591,8 +597,9 @@ def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
 def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     """Obstacle ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
 
-    The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
-    `fields` are those of the card.
+    The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names, by
+    default those of the reference node. Obstacles are scalar points, oblique directions, and a motion or dependents
+    that are not determined. `fields` are those after the card's name; `deck` has positions and directions of nodes.
     """
     reference, chosen = int(fields[2]), _component_indices(fields[3])
     averaged, solved_for = _averaged_groups(fields[4:])
@@ -683,7 +690,7 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
 
     One part of all cards that can be taken and one for each obstacle; a single part with an obstacle where case control
     (text with CEND) names no set, or it is not clear which is meant; [] without MPC cards. `case_control` is the text
-    above the bulk data.
+    above the bulk data, `deck` has the cards.
     """
     if "MPC" not in deck.cards:
         return []
@@ -706,9 +713,9 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
 def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     """Obstacle and tie of one MPC card, whose factors times components add up to 0: ("", [tie]) or (obstacle, []).
 
-    `fields` are those after the card's name, the set's number first. The first component is the dependent one. Terms
-    along a grid point's own directions are put into global ones and added up; obstacles are scalar points and an
-    oblique first term.
+    `fields` are those after the card's name, the set's number first. The first component is the dependent one. `deck`
+    has directions and units. Terms along a grid point's own directions are put into global ones and added up; obstacles
+    are scalar points and an oblique first term.
     """
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(fields), 8):

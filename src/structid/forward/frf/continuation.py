@@ -25,10 +25,10 @@ _NOISY = 0.2
 
 
 def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
-    """Expected error (n_params,) of each free variable at the start, for parameters off by `start_error` of their size.
+    """Expected error (n_params,) of each free variable of `unknowns` at the start, if values are off by `start_error`.
 
-    Dampings are taken as wrong by 1 of their size at least; a size of 0 counts as 1 of the free variable. Infinite for
-    a parameter with a prior. The unit is that of the free variable.
+    That is relative to the size of the parameter; a size of 0 counts as 1 of the free variable. Dampings are taken as
+    wrong by 1 of their size at least. Infinite for a parameter with a prior. The unit is that of the free variable.
     """
     expected = np.where(np.isin(unknowns.kinds, DAMPING), max(start_error, _DAMPING_ERROR), start_error)
     slope = unknowns.transforms.slope(unknowns.theta_start)

@@ -40,9 +40,9 @@ def sliding_contacts(
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
     """Contacts of the friction elements in harmonic balance, and columns (n_dofs, n_contacts) of their sliding motion.
 
-    A contact has the index of its matrix in `matrix_kinds` and that of its force among the property values. Elements
-    named in `measured` are left out: their sliding was measured. Raises `InputError` if any is left and the record has
-    several loads.
+    They are in the order of the elements. A contact has the index of its matrix in `matrix_kinds` and that of its force
+    among the property values. Elements named in `measured` are left out: their sliding was measured. Raises
+    `InputError` if any is left and the record has several loads.
     """
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:

@@ -154,7 +154,8 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
     """Change of the whitened data by one standard deviation of each component error, (n_errors, n_data).
 
     Rows follow `errors` (one at least), the real part of an entry before the imaginary one, lines of its component
-    fastest. Columns are real parts of the data, then imaginary ones. None if n_data (n_data + n_errors) exceeds 2e7.
+    fastest. Columns are real parts of the data, then imaginary ones. `whitening` turns changes of the FRFs into those
+    of the data. None if n_data (n_data + n_errors) exceeds 2e7.
     """
     changes: list[FloatArray] = []
     for entry, rows in _whitened_changes(errors, whitening):

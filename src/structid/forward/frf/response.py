@@ -307,7 +307,8 @@ def _coupled(
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
     """Columns (n_dofs, n_bases) of unit motion of the first support of each released base.
 
-    Raises `InputError` with friction contacts, or if a sensor reads one of the bases.
+    `sides` has the loads, sensors and friction contacts of the structure. Raises `InputError` with friction contacts,
+    or if a sensor reads one of the bases.
     """
     if bases and sides.n_contacts:
         raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")

@@ -180,9 +180,9 @@ class MeasuredModes:
     def groups(self) -> tuple[GroupData, ...]:
         """Measured modes in groups of close frequencies, lowest first; a mode that stands alone is a group too.
 
-        Neighbours are close within `closeness` of the frequency, or within 1.96 standard deviations of their
-        difference. A mode without a known shape entry stands alone, and takes no part in the grouping of modes with
-        shapes.
+        Neighbours are close if they differ by at most `closeness` times the higher frequency, or by 1.96 standard
+        deviations of their difference. A mode without a known shape entry stands alone, and takes no part in the
+        grouping of modes with shapes.
         """
         frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
         shown = np.flatnonzero(has_shape)

@@ -73,7 +73,8 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     from least squares, and the frequencies are the diagonal of A^-1 Lambda A. Both stay if the shapes Phi turn among
     themselves, so derivatives need no difference of eigenvalues in the group: d Lambda = Phi' (dK - (lambda_k +
     lambda_l) / 2 dM) Phi and, outside, S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
-    Without `with_slopes` the derivatives by the parameters have no columns.
+    `state` has the modes and matrices of the model, and sensors divided by the standard deviations of the channels, as
+    Psi is: the residual is in these. Without `with_slopes` the derivatives by the parameters have no columns.
 
     References
     ----------
@@ -114,9 +115,9 @@ def _fit_group(
 ) -> GroupFit:
     """Frequencies, damping, shape residual and mixing of the model for a measured group, with their derivatives.
 
-    The model's m modes have shapes `phi` (n_dofs, m) and frequencies `omega` (m,), rad/s. The first rows of `weights`
-    (n_y, m) are the shapes at the sensors; `slopes` are derivatives by parameters. The damping ratio is NaN unless m is
-    1.
+    `state` has the model, its sensors divided by their standard deviations. The m modes have shapes `phi` (n_dofs, m)
+    and frequencies `omega` (m,), rad/s. The first rows of `weights` (n_y, m) are the shapes at the sensors; `slopes`
+    are derivatives by parameters. The damping ratio is NaN unless m is 1.
     """
     n_channels, m = state.readings.shape[0], len(omega)
     shape, d_shape, a, d_a = _project_shapes(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
@@ -332,9 +333,10 @@ def output_rows(
 ) -> tuple[FloatArray, FloatArray, int]:
     """Weighted data rows (n_data,) of form ``output``, their slopes (n_data, n_params), number of eliminated unknowns.
 
-    Rows are the shape residual and the mixing of one group of modes after another, then frequencies and, if used,
-    damping ratios of all modes. `physical` are the parameters of the structure, then those of channel errors; with
-    `in_order` modes are paired by frequency order. Without `with_slopes` the slopes are (n_data, 0).
+    Rows are the shape residual (measured less model) and the mixing of one group of modes after another, then
+    frequencies and, if used, damping ratios of all modes (model less measured). `physical` are the parameters of the
+    structure, then those of channel errors; with `in_order` modes are paired by frequency order. Without `with_slopes`
+    the slopes are (n_data, 0).
     """
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []

@@ -135,9 +135,9 @@ def _search_from_start(
 ) -> dict[str, Any]:
     """Result of the search from one start, as a parallel task.
 
-    Keys are ``reached`` (stages passed, earlier ones included if any was), ``excess`` (chi-square per degree of
-    freedom at the end), ``theta`` (n_params,), the free variables there, and ``spent`` (iterations). `shared` is the
-    problem, the numbers of samples of the stages, and the options.
+    Keys are ``reached`` (stages passed, earlier ones included if any was), ``excess`` (chi-square per degree of freedom
+    at the end), ``theta`` (n_params,), the free variables there, and ``spent`` (iterations). `tools` give the minimizer
+    and the report of progress; `shared` is the problem, the numbers of samples of the stages, and the options.
     """
     problem, sizes, options = shared
     reached, excess, theta, spent = _follow_stages(problem, sizes[start.first :], start.theta, options, True, tools)
