@@ -180,7 +180,7 @@ class SuperLuAnalysis:
 
     @cached_property
     def _ordering(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """Fill-reducing order of the unknowns, source of each reordered entry, and the reordered pattern (indices, indptr).
+        """Fill-reducing order (n,), source of each reordered entry (n_entries,), reordered pattern (indices, indptr).
 
         `right[order]` is in the new order; `entries[source]` are those of the new pattern in compressed columns.
         """

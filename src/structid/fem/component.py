@@ -278,8 +278,9 @@ def _reduce_component(
 def _interface_codes(component: Component, codes: IntArray, equations: DofEquations) -> IntArray:
     """Codes (n,) of a component that its `interface` names, and those that they follow through ties.
 
-    `codes` are those of the component, sorted, and `equations` the ties; the result is a subset. Raises `InputError` if
-    a degree of freedom of `interface`, and all that it follows, are not among them.
+    They are in the order of `interface`, sorted for each entry, and may repeat. `codes` are those of the component,
+    sorted, and `equations` the ties; the result is a subset. Raises `InputError` if a degree of freedom of `interface`,
+    and all that it follows, are not among them.
     """
     parts = [np.zeros(0, dtype=np.int64)]
     for dof in component.interface:

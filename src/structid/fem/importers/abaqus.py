@@ -152,7 +152,7 @@ def _labels(name: str, table: FloatArray) -> ImportedMatrix:
 
 
 def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
-    """The matrix without rows whose diagonal of 1e30 or more marks a constrained degree of freedom.
+    """The matrix without the rows and columns whose diagonal of 1e30 or more marks a constrained degree of freedom.
 
     Node and component of these rows are stored in `constrained`; the same object is returned if there is none.
     """

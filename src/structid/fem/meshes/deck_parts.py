@@ -482,9 +482,10 @@ def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | N
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom, and the sparse matrix on them that sums `triples` (node, direction, node, direction, value).
+    """Degrees of freedom, and the sparse matrix (n, n) on them that sums `triples`.
 
-    The degrees of freedom are those of `codes` (node, direction), by default all in the entries, sorted.
+    Triples are (node, direction) of the row, (node, direction) of the column and value, in one tuple. The degrees of
+    freedom are those of `codes` (node, direction), by default all in the entries, sorted.
     """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})

@@ -404,7 +404,7 @@ class _OffsetReader:
 
 
 def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
-    """Row indices of the cards of a quadratic plate whose cells are in `block`.
+    """Row indices (n_cells,), rising, of the `cards` of a quadratic plate whose cells are in `block`.
 
     A block has the cells with mid-side nodes, or those without.
     """

@@ -101,7 +101,8 @@ def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.
 def _distinct(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
     """Columns without repetitions up to sign, and for each column of `columns` its index among them and its sign.
 
-    The sign is that of the first nonzero entry, which the distinct columns have positive; +1 for an empty column.
+    The sign (+1 or -1) is that of the first nonzero entry, which the distinct columns have positive; +1 for an empty
+    column. Distinct columns are in the order in which they first occur.
     """
     kept: dict[tuple[bytes, bytes], int] = {}
     first, places = [], []

@@ -324,7 +324,7 @@ class FrfProblem(RecordProblem):
         return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+        """Weighted residual at the free variables `theta` (n_params,) and its Jacobian by these, prior rows last.
 
         Data rows are the real parts of all values, then the imaginary parts, lines slowest and inputs fastest.
         """
@@ -509,10 +509,10 @@ def _equation_rows(
 
 
 def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfSchedule:
-    """Stages (name, problem) of the bounded residual with falling model `errors` (relative), and a prior at the start.
+    """Stages (name, problem) of the bounded residual, one for each model error of `errors`, with a prior at the start.
 
-    The prior is Gaussian with standard deviation `std` in the logarithm. A stage with the original form and measured
-    sliding follows if sensors measure a friction element.
+    Errors are relative, and fall from stage to stage. The prior is Gaussian with standard deviation `std` in the
+    logarithm. A stage with the original form and measured sliding follows if sensors measure a friction element.
     """
     near_start = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
     near = replace(near_start, form="pole_free", measured_sliding=True)

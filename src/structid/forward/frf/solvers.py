@@ -280,9 +280,10 @@ class SubstructureCoupling:
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
         """Yield the coupled structure's readings and their derivatives, for one block of lines after another.
 
-        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives by the parameters,
-        and the readings under unit contact forces. `physical` (n_params,) are the parameters, `coefficients` (n_lines,
-        n_matrices) those of the matrices in the dynamic stiffness.
+        A `LineDerivatives` has the lines as a slice, the readings of sensors and then contacts (n, n_sensors, n_loads),
+        their derivatives by the physical parameters (..., n_params), and the readings under unit contact forces (n,
+        n_sensors, n_contacts), all displacement per force. `physical` (n_params,) are the parameters, `coefficients`
+        (n_lines, n_matrices) those of the matrices in the dynamic stiffness.
         """
         for part, fields in self.fields(physical, coefficients):
             x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
@@ -295,7 +296,10 @@ class SubstructureCoupling:
         return sparse.csr_array(self.joined.T)
 
     def _with_interface_forces(self, loads: sparse.csc_array) -> sparse.csc_array:
-        """Columns of unit forces at the interfaces, then `loads`; cached, so that the same object is returned again."""
+        """Columns of unit forces at the interfaces, then `loads` (n_dofs, n_loads), as (n_dofs, n_joined + n_loads).
+
+        The last result is cached: the same object is returned while `loads` is the same object.
+        """
         known = self._last.get("last")
         if known is None or known[0] is not loads:
             known = self._last["last"] = loads, sparse.csc_array(sparse.hstack([self.joined, loads]))
@@ -347,9 +351,10 @@ class DenseSolver:
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
         """Yield readings of a small model and their derivatives by the parameters, one block of lines after another.
 
-        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives, and the readings
-        under unit contact forces. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those
-        of the matrices in the dynamic stiffness.
+        A `LineDerivatives` has the lines as a slice, the readings of sensors and then contacts (n, n_sensors, n_loads),
+        their derivatives (..., n_params), and the readings under unit contact forces (n, n_sensors, n_contacts), all
+        displacement per force. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of
+        the matrices in the dynamic stiffness.
         """
         forces = self.slopes.dense.at(self.slopes.parameters.values(physical))
         with single_blas():
@@ -529,10 +534,11 @@ class SparseSolver:
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
         """Yield readings and their derivatives by the parameters, line by line, or all at once from a reduced basis.
 
-        A `LineDerivatives` has the lines, the readings of sensors and contacts, their derivatives, and the readings
-        under unit contact forces. Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for
+        A `LineDerivatives` has the lines as a slice, the readings of sensors and then contacts (n, n_sensors, n_loads),
+        their derivatives (..., n_params), and the readings under unit contact forces (n, n_sensors, n_contacts), all
+        displacement per force. Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for
         instead of adjoint fields. `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those
-        of the matrices in Z.
+        of the matrices in the dynamic stiffness Z.
         """
         known = self.last_sweep.derivatives.get(self._key(physical, coefficients))
         if known is not None:
@@ -711,9 +717,10 @@ class LastSweep:
     ) -> LineDerivatives:
         """Sensor readings of `sweep` under the loads at all lines, and their derivatives by the parameters.
 
-        They are cached by `key`, the bytes of the parameters and coefficients, where they take at most 256 MB.
-        `sides` are loads and sensors; `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x of fields x at
-        each line.
+        Readings are (n_lines, n_sensors, n_loads), derivatives (..., n_params); there are none under contact forces.
+        They are cached by `key`, the bytes of the parameters and coefficients, as long as all that are cached take at
+        most 256 MB. `sides` are loads and sensors; `forces` and `factors` (n_lines, n_maps) give the forces (dZ/dp) x
+        of fields x at each line.
         """
         x = sweep.basis.all_coordinates()
         used, column_of = np.unique(sides.inputs[0], return_inverse=True)

@@ -182,7 +182,9 @@ class MeasuredModes:
 
         Neighbours are close if they differ by at most `closeness` times the higher frequency, or by 1.96 standard
         deviations of their difference. A mode without a known shape entry stands alone, and takes no part in the
-        grouping of modes with shapes.
+        grouping of modes with shapes. A `GroupData` has the indices of its modes in the record, the channels at which
+        the shapes of all of them are known, eigenvalues (rad/s)^2, shapes over their standard deviations, and the
+        deviations of shapes and of mixing.
         """
         frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
         shown = np.flatnonzero(has_shape)

@@ -214,13 +214,16 @@ class ModalProblem(RecordProblem):
         return LastEvaluation()
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+        """Weighted residual at the free variables `theta` (n_params,) and its Jacobian by these, prior rows last.
 
         It is cached for the last `theta`.
         """
 
         def linearized(theta: FloatArray) -> Linearization:
-            """Weighted residual and Jacobian at the free variables `theta` (n_params,), prior rows last; not cached."""
+            """Weighted residual at the free variables `theta` (n_params,) and its Jacobian by these, not cached.
+
+            Prior rows are last. `self` is the problem, whose form decides which data rows there are.
+            """
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0

@@ -128,10 +128,11 @@ class RecursiveMotionFit:
             )
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
-        """Predicted bias (n_params,) of the fit by noise of the motion, for parameters `values` (n_params,).
+        """Predicted bias (n_params,) of the fit by noise of the motion, in the units of the parameters.
 
-        None takes the fitted values. It is -(B'B)^-1 (N p - n) with N and n the expected noise in the normal equations
-        B'B p = B'c; with `exact_motion` the fitted motion has no noise, and N is added to B'B.
+        It is -(B'B)^-1 (N p - n), with B and c the regressors and right-hand sides, B'B p = B'c, and N and n what the
+        noise of the motion is expected to add to B'B and B'c. `values` (n_params,) are p, by default the fitted ones.
+        With `exact_motion` the motion that was fitted has no noise, and N is added to B'B.
         """
         solution = self.solution()
         p = solution.values if values is None else np.asarray(values, dtype=np.float64)

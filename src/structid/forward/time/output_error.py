@@ -318,9 +318,10 @@ class OutputErrorProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self._errors(self.physical(theta)))
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+        """Weighted residual at the free variables `theta` (n_params,) and its Jacobian by these, prior rows last.
 
-        Initial state and noisy forces are eliminated; they take degrees of freedom.
+        Data rows are errors of readings, then of noisy forces. Initial state and noisy forces are eliminated; they take
+        degrees of freedom.
         """
         if self.channels is None:
             data, rows, n_eliminated = self._error_slopes(self.physical(theta), np.zeros((0, len(self.deviation))))

@@ -658,7 +658,7 @@ class SpectraProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self.model.evaluated(self.physical(theta)).data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows last.
+        """Weighted residual at the free variables `theta` (n_params,) and its Jacobian by these, prior rows last.
 
         Transients are eliminated and take degrees of freedom. Data rows are real, then imaginary parts.
         """
