@@ -106,8 +106,8 @@ def start_child(
     stdin, output, errors : file or int
         As `subprocess.Popen` takes them; nothing is read or kept by default.
     has_group : bool
-        True if it begins a group of processes, with which `kill_child` ends what it started; False to get the signals that this
-        process gets.
+        True if it begins a group of processes, with which `kill_child` ends what it started; False to get the signals
+        that this process gets.
     """
     return subprocess.Popen(
         arguments, cwd=folder, stdin=stdin, stdout=output, stderr=errors, env=child_environment(changes),

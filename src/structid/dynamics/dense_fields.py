@@ -346,8 +346,8 @@ def _differences(fields: ComplexArray, exact: ComplexArray) -> FloatArray:
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
     """Index of the first line at or above each pole within the band, and of a few spread over it, increasing.
 
-    `poles` (n_poles,) and `lines` (n_lines,) are frequencies in one unit and need not be sorted; poles outside the lines do
-    not count.
+    `poles` (n_poles,) and `lines` (n_lines,) are frequencies in one unit and need not be sorted; poles outside the
+    lines do not count.
     """
     order = np.argsort(lines)
     in_band = poles[(poles >= lines.min()) & (poles <= lines.max())]

@@ -150,8 +150,9 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
 def _step_in_blocks(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
     """States x_{k+1} = transition x_k + drive_k from `start`, (n_steps + 1, n_states, ...), by blocks side by side.
 
-    Each block first runs from rest; its final state shows where the next block begins. `transition` (n_states, n_states)
-    advances the state by one step, `drive` (n_steps, n_states, ...) is added in each, `start` (n_states, ...) is the first.
+    Each block first runs from rest; its final state shows where the next block begins. `transition` (n_states,
+    n_states) advances the state by one step, `drive` (n_steps, n_states, ...) is added in each, `start` (n_states, ...)
+    is the first.
     """
     n_steps, n = drive.shape[:2]
     length = int(np.sqrt(n_steps / 2))

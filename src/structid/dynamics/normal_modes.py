@@ -130,9 +130,9 @@ def _small_modes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circular frequencies (rad/s), mass-normalized shapes and relative rounding errors of a model solved densely.
 
-    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes. `strains` makes
-    an operator B with K = B'B, by which roundings of K are avoided; None, or a result of None, leaves them. Raises
-    `SingularModelError` if no motion has a mass, or one has neither mass nor stiffness.
+    They are (n_modes,), (n_dofs, n_modes) and (n_modes,), by rising frequency; `n_modes` None gives all modes.
+    `strains` makes an operator B with K = B'B, by which roundings of K are avoided; None, or a result of None, leaves
+    them. Raises `SingularModelError` if no motion has a mass, or one has neither mass nor stiffness.
     """
     eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
     if not len(eigenvalues):
@@ -195,8 +195,8 @@ def frequencies_between(
 ) -> tuple[FloatArray, bool]:
     """Natural frequencies (n_modes,) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
-    `known` are the lowest modes of the model, whose `mass` and `stiffness` are (n_dofs, n_dofs). If the list is not complete,
-    as in a large model, it may hold only the first such frequency.
+    `known` are the lowest modes of the model, whose `mass` and `stiffness` are (n_dofs, n_dofs). If the list is not
+    complete, as in a large model, it may hold only the first such frequency.
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
@@ -406,7 +406,8 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_modes) of `mass` and `stiffness` (n_dofs, n_dofs).
 
-    Motions without mass, of a degree of freedom or a combination of several, follow statically; n_modes counts the others.
+    Motions without mass, of a degree of freedom or a combination of several, follow statically; n_modes counts the
+    others.
     """
     has_mass = np.diag(mass) > 0
     if _is_definite(mass[np.ix_(has_mass, has_mass)]):

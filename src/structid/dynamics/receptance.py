@@ -177,11 +177,11 @@ class FieldSweep:
     """Fields Z^-1 B at every line by Galerkin projection on solutions at few lines.
 
     The basis holds, for each line that was factorized, Z^-1 B and further products with Z^-1 M there (rational Krylov).
-    The next line is the one with the largest residual |B - Z x| / |B|; it is solved in full, which verifies the
-    fields there, and serves the basis if they are off. The full solution takes the last factorization, of another line,
-    to what is left of the equations, round after round, and the equations projected on all of that; only where this goes
-    slowly it takes a factorization of its own. Z is symmetric: right-hand sides of loads and of sensors share
-    one basis, so readings are off by the product of the errors of both fields, and derivatives by their sum.
+    The next line is the one with the largest residual |B - Z x| / |B|; it is solved in full, which verifies the fields
+    there, and serves the basis if they are off. The full solution takes the last factorization, of another line, to
+    what is left of the equations, round after round, and the equations projected on all of that; only where this goes
+    slowly it takes a factorization of its own. Z is symmetric: right-hand sides of loads and of sensors share one
+    basis, so readings are off by the product of the errors of both fields, and derivatives by their sum.
 
     Parameters
     ----------

@@ -159,8 +159,8 @@ class _ModalSystem:
     def motion(self, time: FloatArray, q: FloatArray, dq: FloatArray, force: FloatArray) -> Transient:
         """Motion of the structure at `time` (s) from modal displacement `q` and velocity `dq`, (n_times, n_modes).
 
-        `force` (n_times, n_dofs) are the loads. The acceleration follows from the equations of motion, so that they hold to
-        rounding.
+        `force` (n_times, n_dofs) are the loads. The acceleration follows from the equations of motion, so that they
+        hold to rounding.
         """
         displacement, velocity = q @ self.shapes.T, dq @ self.shapes.T
         inertia = force - displacement @ self.stiffness

@@ -42,9 +42,10 @@ class Component:
     """A part of a structure that is reduced once, so that a large model costs little in each iteration.
 
     It moves as its interface makes it move without force inside (constraint modes), and in its lowest modes with the
-    interface held (Craig and Bampton), beside the static answer to the inertia of the constraint modes, which stands for
-    the modes left out. Its interface is where other element sets, ties and bases are, and what `interface` names. Sensors
-    may be anywhere in it, and loads too, but loads amid it are answered best where they are named in `interface`.
+    interface held (Craig and Bampton), beside the static answer to the inertia of the constraint modes, which stands
+    for the modes left out. Its interface is where other element sets, ties and bases are, and what `interface` names.
+    Sensors may be anywhere in it, and loads too, but loads amid it are answered best where they are named in
+    `interface`.
 
     Its element sets have no properties of their own any more. It has factors ``mass``, ``stiffness`` and ``damping`` of
     nominal value 1, with which its modes stay what they are, and the ``loss_factor`` that all of it has (a factor
@@ -65,8 +66,8 @@ class Component:
 
     References
     ----------
-    Craig and Bampton (1968), AIAA Journal 6(7), 1313-1319; Dickens, Nakagawa and Wittbrodt (1997), Computers & Structures
-    62(6), 985-998, for vectors beside truncated modes.
+    Craig and Bampton (1968), AIAA Journal 6(7), 1313-1319; Dickens, Nakagawa and Wittbrodt (1997), Computers &
+    Structures 62(6), 985-998, for vectors beside truncated modes.
     """
 
     name: str

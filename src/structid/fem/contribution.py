@@ -207,8 +207,8 @@ class Contribution:
     slides, or where it is an entry of a modal damping.
 
     `matrix_kind` is the matrix that they belong to, with its coefficient in the dynamic stiffness: ``mass`` (-omega^2),
-    ``damping`` (i omega), ``stiffness`` (1), ``structural_damping`` (i), ``friction:NAME`` (i over the sliding amplitude of
-    the friction element NAME).
+    ``damping`` (i omega), ``stiffness`` (1), ``structural_damping`` (i), ``friction:NAME`` (i over the sliding
+    amplitude of the friction element NAME).
     """
 
     matrix_kind: str
@@ -289,8 +289,8 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
 class WeighedEntries(NamedTuple):
     """Entries of the element matrices of several contributions, with the weight that multiplies each; (n_entries,) each.
 
-    Columns are raised by n_dofs times the index of the matrix that an entry belongs to. Weights are numbered through all
-    contributions.
+    Columns are raised by n_dofs times the index of the matrix that an entry belongs to. Weights are numbered through
+    all contributions.
     """
 
     row: IntArray

@@ -36,9 +36,9 @@ _KEPT = 16
 class MeasuredComponent:
     """A part of a structure that has no model but measured FRFs: a machine, a mount, the soil under a foundation.
 
-    It was measured by itself, free of the structure, at the degrees of freedom of its interface, and moves with the structure
-    there. It adds Y^-1 to the dynamic stiffness of the structure; nothing of it is sought. Where the interface gives way, springs
-    of the structure lead to nodes of their own, and these are the interface.
+    It was measured by itself, free of the structure, at the degrees of freedom of its interface, and moves with the
+    structure there. It adds Y^-1 to the dynamic stiffness of the structure; nothing of it is sought. Where the
+    interface gives way, springs of the structure lead to nodes of their own, and these are the interface.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class MeasuredComponent:
     frequency : (n_lines,) float array
         Hz, increasing.
     receptance : (n_lines, n, n) complex array
-        Y, motion of each of `interface` per force at each of them, m/N (rad for rotations, N m for moments), as measured. What
-        is not reciprocal in it is averaged out where it serves.
+        Y, motion of each of `interface` per force at each of them, m/N (rad for rotations, N m for moments), as
+        measured. What is not reciprocal in it is averaged out where it serves.
     source : str
         File that it comes from.
     variance : (n_lines, n, n) float array, optional
@@ -63,8 +63,8 @@ class MeasuredComponent:
 
     References
     ----------
-    Jetmundsen, Bielawa and Flannelly (1988), J. American Helicopter Society 33(1), 55-64; de Klerk, Rixen and Voormeeren
-    (2008), AIAA Journal 46(5), 1169-1181.
+    Jetmundsen, Bielawa and Flannelly (1988), J. American Helicopter Society 33(1), 55-64; de Klerk, Rixen and
+    Voormeeren (2008), AIAA Journal 46(5), 1169-1181.
     """
 
     name: str

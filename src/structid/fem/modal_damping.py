@@ -84,8 +84,8 @@ class ModalState:
 class ModalDamping(Factor):
     """Entries of the damping matrix for a damping ratio of 1 in all modes.
 
-    With modes K Phi = M Phi Omega^2, Phi' M Phi = I, it is M Phi (2 Omega) Phi' M = 2 M (M^-1 K)^(1/2), twice the geometric
-    mean S = M # K of mass and stiffness. S solves S M^-1 S = K, so that its change between modes k and l is
+    With modes K Phi = M Phi Omega^2, Phi' M Phi = I, it is M Phi (2 Omega) Phi' M = 2 M (M^-1 K)^(1/2), twice the
+    geometric mean S = M # K of mass and stiffness. S solves S M^-1 S = K, so that its change between modes k and l is
 
         phi_k' dS phi_l = (phi_k' dK phi_l + omega_k omega_l phi_k' dM phi_l) / (omega_k + omega_l)
 
@@ -102,8 +102,8 @@ class ModalDamping(Factor):
 
     References
     ----------
-    Bhatia (2007), Positive Definite Matrices, section 4.1 (geometric mean); Higham (2008), Functions of Matrices, section 6.1
-    (derivative of the square root).
+    Bhatia (2007), Positive Definite Matrices, section 4.1 (geometric mean); Higham (2008), Functions of Matrices,
+    section 6.1 (derivative of the square root).
     """
 
     parts: tuple[Contribution, ...]

@@ -81,8 +81,8 @@ class LengthDependence:
         For each end with a variable position in some element: index of the position among the values of the structure;
         any index in an element where that end is fixed.
     slopes : tuple of (n_elements,) float arrays
-        Derivative of the length by that position: 1, -1, or 0 where the end is fixed. By a common factor on all lengths, which may
-        stand beside the positions, it is the length.
+        Derivative of the length by that position: 1, -1, or 0 where the end is fixed. By a common factor on all
+        lengths, which may stand beside the positions, it is the length.
     nominal : tuple of (n_elements,) float arrays
         Nominal positions, m; 1 of the factor.
     """

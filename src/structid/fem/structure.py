@@ -92,11 +92,12 @@ class Structure(Shown, StructurePlots):
     components : sequence of Component
         Parts that are reduced to their interface and a few modes.
     damping_ratio : float, optional
-        Viscous damping of all modes, with whatever masses and stiffnesses they come to have, beside that of the elements. It is
-        the property ``damping_ratio[all modes]``, and makes matrices full: up to 1200 degrees of freedom.
+        Viscous damping of all modes, with whatever masses and stiffnesses they come to have, beside that of the
+        elements. It is the property ``damping_ratio[all modes]``, and makes matrices full: up to 1200 degrees of
+        freedom.
     measured : sequence of MeasuredComponent
-        Parts that have no model but measured FRFs at the degrees of freedom of their interface. Matrices, modes and masses
-        are without them.
+        Parts that have no model but measured FRFs at the degrees of freedom of their interface. Matrices, modes and
+        masses are without them.
     left_aside : sequence of str
         Sentences on contents of the model's file that no element stands for: a warning with every result.
     file_notes : sequence of str
@@ -401,8 +402,8 @@ class Structure(Shown, StructurePlots):
     def element_contributions(self, name: str) -> tuple[Contribution, ...]:
         """Element matrices of one set on all degrees of freedom of `numbering`, supports and dependent ones included.
 
-        Motion of all is `numbering.matrix` times that of the free ones; products of the matrices with it are the forces at the
-        ends of each element.
+        Motion of all is `numbering.matrix` times that of the free ones; products of the matrices with it are the forces
+        at the ends of each element.
         """
         properties = [item for item in self.properties if item.element == name]
         return weigh_properties(properties, partial(blocks_of_all, self.numbering), self._length_dependences)

@@ -65,7 +65,8 @@ class RigidLink:
     dependents : tuple of int
         Nodes that follow it.
     directions : tuple of str, optional
-        In which they follow it; in every active direction by default. X, Y and RZ make a floor that is rigid in its plane.
+        In which they follow it; in every active direction by default. X, Y and RZ make a floor that is rigid in its
+        plane.
     """
 
     name: str

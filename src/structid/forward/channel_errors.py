@@ -82,7 +82,8 @@ class ChannelErrors(NamedUnknowns):
     def seen_by(self, record: ChannelsOfRecord) -> ChannelErrors:
         """A copy for another record of the same test, with its sensors and loads in place of those of this record.
 
-        A channel with the same degree of freedom, in either direction, keeps its errors; one that only `record` has gets none.
+        A channel with the same degree of freedom, in either direction, keeps its errors; one that only `record` has
+        gets none.
         """
         outputs, inputs = (_places(channels, other) for channels, other in
                            ((self.outputs, record.outputs), (self.inputs, record.inputs)))  # fmt: skip
@@ -132,8 +133,8 @@ class ChannelErrors(NamedUnknowns):
     def log_slopes(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
         """Derivative of the logarithm of `factor` by each physical parameter, (n_frequencies, n_outputs, n_inputs, n_params).
 
-        `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay, which
-        shifts s, is 0.
+        `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay,
+        which shifts s, is 0.
         """
         return np.einsum("fk,koi->foik", self._each_slope(physical, laplace), self.exponents)
 

@@ -88,7 +88,8 @@ class RecordFacts:
     Attributes
     ----------
     line_spacing : (n_lines,) float array
-        Distance of the used lines at each of them, Hz; NaN where lines resolve no resonance, as where modes were measured.
+        Distance of the used lines at each of them, Hz; NaN where lines resolve no resonance, as where modes were
+        measured.
     window_bandwidth : (n_lines,) float array
         What an exponential window adds to the half-power bandwidth at each line, Hz.
     noise : str
@@ -96,9 +97,9 @@ class RecordFacts:
     measures_force : bool
         Whether the record fixes the size of masses and stiffnesses, which is free without a measured force.
     takes_clock_for_stiffness : bool
-        Whether frequencies that all read c times too high are what c^2 times all stiffnesses give. That holds for modes, and for
-        accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is that of M and c^2 K at c s.
-        Dashpots differ by c alone, which lightly damped records do not tell.
+        Whether frequencies that all read c times too high are what c^2 times all stiffnesses give. That holds for
+        modes, and for accelerations per force or per motion of supports: A(s) of masses M and stiffnesses K is that of
+        M and c^2 K at c s. Dashpots differ by c alone, which lightly damped records do not tell.
     leaves_damping_out : bool
         Whether damping was measured and does not count.
     n_channels : int
@@ -120,8 +121,8 @@ class RecordFacts:
 class RecordProblem(Problem):
     """The problem of one record: it has a `structure` with `parameters`, a record, and may have errors of `channels`.
 
-    A class of problems states the seam of `Problem` (the data rows, residual and Jacobian) and its `frequency`. Everything else
-    has a default.
+    A class of problems states the seam of `Problem` (the data rows, residual and Jacobian) and its `frequency`.
+    Everything else has a default.
     """
 
     structure: Structure
@@ -238,8 +239,8 @@ class RecordProblem(Problem):
     def reweighted(self, theta: FloatArray) -> Self:
         """A copy whose errors in proportion to a value are taken of the model's values at `theta`; itself by default.
 
-        Errors as a part of the measured value favour values that noise makes small, so that masses and stiffnesses come out too
-        high by about the square of the noise.
+        Errors as a part of the measured value favour values that noise makes small, so that masses and stiffnesses come
+        out too high by about the square of the noise.
         """
         return self
 

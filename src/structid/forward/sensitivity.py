@@ -94,8 +94,8 @@ class ParameterForces:
     def products(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
         """Products y' (dZ/dp) x without conjugate, as a list with an array (n_params, n_y) for each column of `x`.
 
-        Fields are `x` (n_dofs, n_x) and `y` (n_dofs, n_y); `factors` (n_maps,) are the coefficients of the matrices at one
-        frequency line.
+        Fields are `x` (n_dofs, n_x) and `y` (n_dofs, n_y); `factors` (n_maps,) are the coefficients of the matrices at
+        one frequency line.
         """
         entries = np.ascontiguousarray(self.entries(factors, x).T)
         rows = np.ascontiguousarray(y)

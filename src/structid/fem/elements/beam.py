@@ -92,8 +92,9 @@ class BendingPlane:
         w = w1 + L (theta1 (x - x^2 / 2) + theta2 x^2 / 2) - a x + s a (x - 3 x^2 + 2 x^3),
         theta = theta1 (1 - x) + theta2 x - 6 s (a / L) x (1 - x),     x from 0 to 1,
 
-    with a = w1 - w2 + (theta1 + theta2) L / 2 and the ratio s = 1 / (1 + 12 EI / (G A_s L^2)), which is 1 without shear: then
-    they are Hermite's. Stiffness is exact with these, so that nothing locks; masses are consistent with them, in powers of s.
+    with a = w1 - w2 + (theta1 + theta2) L / 2 and the ratio s = 1 / (1 + 12 EI / (G A_s L^2)), which is 1 without
+    shear: then they are Hermite's. Stiffness is exact with these, so that nothing locks; masses are consistent with
+    them, in powers of s.
 
     Attributes
     ----------
@@ -106,8 +107,8 @@ class BendingPlane:
 
     References
     ----------
-    Przemieniecki (1968), Theory of Matrix Structural Analysis, Eq. (5.116); Friedman and Kosmatka (1993), Comput. Struct.
-    47, 473-481 (masses).
+    Przemieniecki (1968), Theory of Matrix Structural Analysis, Eq. (5.116); Friedman and Kosmatka (1993), Comput.
+    Struct. 47, 473-481 (masses).
     """
 
     codes: IntArray

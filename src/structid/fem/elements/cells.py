@@ -58,7 +58,8 @@ class CellShape:
     corners : (n_nodes, n_dimensions) float array
         Reference positions of the nodes.
     exponents : (n_nodes, n_dimensions) int array
-        Monomials that span the interpolation; a negative one belongs to the rational x y / z of a pyramid, 0 at its tip.
+        Monomials that span the interpolation; a negative one belongs to the rational x y / z of a pyramid, 0 at its
+        tip.
     points : (n_points, n_dimensions) float array
         Quadrature of the stiffness.
     weights : (n_points,) float array

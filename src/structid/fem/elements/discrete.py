@@ -234,8 +234,8 @@ class Friction(Connector):
 class Joint(ElementSet):
     """A flexible joint: the end of one bar or beam gives way against its node in one direction, held by a spring.
 
-    In all other directions the end stays with the node. An end may have several joints, each in another direction. Where
-    supports hold the node, the joint is that of a yielding support.
+    In all other directions the end stays with the node. An end may have several joints, each in another direction.
+    Where supports hold the node, the joint is that of a yielding support.
     """
 
     follows = True

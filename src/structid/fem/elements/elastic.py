@@ -120,7 +120,8 @@ class Solid(CellSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (stiffness), by property.
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
+        needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 3)
         stiffness = partial(elastic_stiffness, elasticity=_solid_elasticity(self.poisson), formulation=self.formulation)

@@ -103,10 +103,10 @@ class Declared:
         What it is.
     kind : Kind, optional
         Of a property, whose numbers weigh a matrix an element. It fixes how the property enters the dynamic stiffness:
-        ``mass`` and ``rotary_inertia`` by -omega^2, ``viscous_damping`` by i omega, ``stiffness`` by 1, ``loss_factor`` by
-        i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers, a ``position`` by
-        those of the lengths that it changes. An ``axial_force`` enters by 1, is of either sign and has no loss. A ``parameter``
-        weighs matrices that say themselves how they enter.
+        ``mass`` and ``rotary_inertia`` by -omega^2, ``viscous_damping`` by i omega, ``stiffness`` by 1, ``loss_factor``
+        by i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers, a
+        ``position`` by those of the lengths that it changes. An ``axial_force`` enters by 1, is of either sign and has
+        no loss. A ``parameter`` weighs matrices that say themselves how they enter.
     unit : str
         SI unit.
     of : str
@@ -292,7 +292,8 @@ class ElementMatrixTerm:
     matrix_kind : str
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool
-        Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
+        Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its
+        mass.
     length_power : int
         Power of the element's length that they go with, where that may change.
     """
@@ -323,8 +324,8 @@ class PropertyMatrices:
     values : (n_elements,) float array
         Nominal values.
     matrix_terms : sequence of ElementMatrixTerm
-        For unit value and the nominal thickness: of a shell, stretching and bending. None of a loss factor or thickness,
-        which weigh other terms' matrices.
+        For unit value and the nominal thickness: of a shell, stretching and bending. None of a loss factor or
+        thickness, which weigh other terms' matrices.
     limits : (float, float), optional
         Between which the values make sense; from 0 on by default.
     """
@@ -446,8 +447,8 @@ class ElementSet:
     def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
         """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates), by name of the force.
 
-        Empty except for lines. Local x runs from the first node to the second; a force is that on the section whose normal is
-        local x.
+        Empty except for lines. Local x runs from the first node to the second; a force is that on the section whose
+        normal is local x.
         """
         return {}
 

@@ -269,8 +269,8 @@ class SolverModel(ElementSet):
 class FrfRuns:
     """Receptances of a solver at a centre, and at two changes of each parameter.
 
-    Beside the centre each value goes straight with the parameters, by the slope at the centre of the parabola through its
-    three runs.
+    Beside the centre each value goes straight with the parameters, by the slope at the centre of the parabola through
+    its three runs.
 
     Attributes
     ----------

@@ -1,9 +1,9 @@
 """Thin plates in bending: discrete Kirchhoff triangles and quadrilaterals.
 
-Rotations of the normal are quadratic on a cell with straight sides. Along each side the deflection is the cubic of a beam;
-at mid-side the rotation along the side is the slope of that cubic (no shear strain there), and the rotation across it
-the mean of the two corners. What remains are deflection and two rotations at each corner (Batoz, Bathe and Ho 1980 for
-triangles; Batoz and Ben Tahar 1982 for quadrilaterals).
+Rotations of the normal are quadratic on a cell with straight sides. Along each side the deflection is the cubic of a
+beam; at mid-side the rotation along the side is the slope of that cubic (no shear strain there), and the rotation
+across it the mean of the two corners. What remains are deflection and two rotations at each corner (Batoz, Bathe and Ho
+1980 for triangles; Batoz and Ben Tahar 1982 for quadrilaterals).
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class ThinSet(CellSet):
     def centre_strains(self, positions: NodeCoordinates, row: int) -> tuple[FloatArray, FloatArray]:
         """Maps from an element's motion to the strains of its middle surface at its centre, and to those per height.
 
-        Both are (3, n_coordinates): strains xx, yy and engineering xy, from what its corners move in, corner by corner. The axis x
-        is the part of global X in the plane of the element, or of global Y where X is normal to it; height counts along the
-        normal, about which the corners run counter-clockwise, and along Z in a plate.
+        Both are (3, n_coordinates): strains xx, yy and engineering xy, from what its corners move in, corner by corner.
+        The axis x is the part of global X in the plane of the element, or of global Y where X is normal to it; height
+        counts along the normal, about which the corners run counter-clockwise, and along Z in a plate.
         """
         raise NotImplementedError
 
@@ -91,7 +91,8 @@ class Plate(ThinSet):
 
     References
     ----------
-    Batoz, Bathe and Ho (1980), Int. J. Numer. Meth. Eng. 15, 1771-1812; Batoz and Ben Tahar (1982), ibid. 18, 1655-1677.
+    Batoz, Bathe and Ho (1980), Int. J. Numer. Meth. Eng. 15, 1771-1812; Batoz and Ben Tahar (1982), ibid. 18,
+    1655-1677.
     """
 
     moves = ("Z", "RX", "RY")
@@ -100,7 +101,8 @@ class Plate(ThinSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices of density (mass) and Young's modulus (bending stiffness), by property.
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not needed.
+        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
+        needed.
         """
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))
@@ -152,8 +154,8 @@ def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str
 def centre_curvatures(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
     """Strains per height (xx, yy, engineering xy) at the centre of thin plates, (n_cells, 3, 3 n_corners).
 
-    They are derivatives of the rotations (beta_x, beta_y) of the normal, from (w, theta_x, theta_y) at the corners; the other
-    arguments are those of `bending_stiffness`.
+    They are derivatives of the rotations (beta_x, beta_y) of the normal, from (w, theta_x, theta_y) at the corners; the
+    other arguments are those of `bending_stiffness`.
     """
     centre = CELLS[cell].corners.mean(axis=0)[None]
     return _curvatures(name, nodes, corners, cell, centre)[0][0]

@@ -1,10 +1,10 @@
 """Thin shells of flat facets in space: stretching and bending of triangles and quadrilaterals.
 
-Membranes whose corners turn about the normal: the triangle is the optimal one of Felippa (2003), constant strains by lumped
-tractions, which pass the patch test, and on top of them the linear strains that corner rotations beyond the mean rotation
-make, with coefficients for which pure bending in the plane is exact at every aspect ratio of a rectangle of triangles. The
-rotation is that of the material, and its stiffness that of the material: no spring holds it. A quadrilateral is the mean of
-its two divisions into triangles.
+Membranes whose corners turn about the normal: the triangle is the optimal one of Felippa (2003), constant strains by
+lumped tractions, which pass the patch test, and on top of them the linear strains that corner rotations beyond the mean
+rotation make, with coefficients for which pure bending in the plane is exact at every aspect ratio of a rectangle of
+triangles. The rotation is that of the material, and its stiffness that of the material: no spring holds it. A
+quadrilateral is the mean of its two divisions into triangles.
 """
 
 from __future__ import annotations
@@ -138,16 +138,16 @@ class Shell(ThinSet):
 
     Notes
     -----
-    Bending is that of `Plate` (discrete Kirchhoff, no shear strain). Stretching is the membrane of Felippa (2003), in which
-    the rotation about the normal is that of the material, so that no spring holds it. Rotary inertia is
-    thickness^3 / 12 times density about all three axes: about the normal this is none of nature's, and changes
-    in-plane waves of wave number k by (k thickness)^2 / 96 in frequency, but every degree of freedom has mass.
-    Corners of a warped quadrilateral are joined to its mean plane by rigid links.
+    Bending is that of `Plate` (discrete Kirchhoff, no shear strain). Stretching is the membrane of Felippa (2003), in
+    which the rotation about the normal is that of the material, so that no spring holds it. Rotary inertia is
+    thickness^3 / 12 times density about all three axes: about the normal this is none of nature's, and changes in-plane
+    waves of wave number k by (k thickness)^2 / 96 in frequency, but every degree of freedom has mass. Corners of a
+    warped quadrilateral are joined to its mean plane by rigid links.
 
     References
     ----------
-    Batoz, Bathe and Ho (1980), Int. J. Numer. Meth. Eng. 15, 1771-1812; Batoz and Ben Tahar (1982), ibid. 18, 1655-1677;
-    Felippa (2003), Comput. Methods Appl. Mech. Engrg. 192, 2125-2168.
+    Batoz, Bathe and Ho (1980), Int. J. Numer. Meth. Eng. 15, 1771-1812; Batoz and Ben Tahar (1982), ibid. 18,
+    1655-1677; Felippa (2003), Comput. Methods Appl. Mech. Engrg. 192, 2125-2168.
     """
 
     moves = DIRECTIONS
@@ -233,8 +233,8 @@ def _stretching(
 def _bending(name: str, nodes: IntArray, points: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
     """Bending stiffness of shells in global axes, (n_cells, n_local, n_local), for unit modulus and unit thickness cubed.
 
-    `elasticity` (3, 3) gives plane stress from strain for unit modulus. `points` are the corners in m; `name` and `nodes` are
-    those of the element set, for errors.
+    `elasticity` (3, 3) gives plane stress from strain for unit modulus. `points` are the corners in m; `name` and
+    `nodes` are those of the element set, for errors.
     """
     flat = facets(name, nodes, points)
     return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, elasticity), (2, 3, 4)))
@@ -243,7 +243,8 @@ def _bending(name: str, nodes: IntArray, points: FloatArray, cell: str, elastici
 def _mass(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArray:
     """Mass matrices of shells of unit mass per area, in global axes, (n_cells, n_local, n_local).
 
-    `points` are the corners in m, `name` and `nodes` those of the element set, for errors. Turning of the thickness is left out.
+    `points` are the corners in m, `name` and `nodes` those of the element set, for errors. Turning of the thickness is
+    left out.
     """
     flat = facets(name, nodes, points)
     across = _on_all_coordinates(plate_mass(name, nodes, flat.corners, cell), (2, 3, 4))

@@ -1,7 +1,7 @@
 """Nastran bulk data as table rows: small, large and free field, continuations, comments, tabs, any case.
 
-Fixed fields are read where they stand. Lines in free field are rewritten with four fields of 24 characters a line, so that
-what follows is one table whatever the form of the file. What stands behind column 72 (continuation marks, sequence
+Fixed fields are read where they stand. Lines in free field are rewritten with four fields of 24 characters a line, so
+that what follows is one table whatever the form of the file. What stands behind column 72 (continuation marks, sequence
 numbers of punch files) is left out.
 """
 
@@ -280,8 +280,8 @@ def _select_cards(
 def _require_marks_behind(lines: BulkLines, filled: IntArray, marked: NDArray[np.bool_]) -> None:
     """Raise `FileError` if a continuation line stands behind a line without its mark, and another line ends in that mark.
 
-    `filled` are the lines (indices) that are not blank, `marked` (n_lines,) those that go on and say by a mark with what. Lines
-    in free field are passed over.
+    `filled` are the lines (indices) that are not blank, `marked` (n_lines,) those that go on and say by a mark with
+    what. Lines in free field are passed over.
     """
     follows = np.flatnonzero(marked[filled] & (lines.width[filled] != _WIDE))
     follows = follows[follows > 0]

@@ -1,8 +1,8 @@
 """Nastran OUTPUT4 files: ASCII or binary, dense or sparse, real or complex, single or double precision.
 
-A matrix is stored as strings: runs of entries without a gap in one column.
-What is kept: name, values, form. There is no numbering in the format; rows follow the set that was written (the a-set in
-the order of its nodes and components, unless the model was resequenced).
+A matrix is stored as strings: runs of entries without a gap in one column. What is kept: name, values, form. There is
+no numbering in the format; rows follow the set that was written (the a-set in the order of its nodes and components,
+unless the model was resequenced).
 """
 
 from __future__ import annotations

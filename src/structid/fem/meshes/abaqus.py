@@ -56,9 +56,9 @@ _SMOOTH = np.cos(np.radians(20.0))
 def read(path: Path, units: DeckUnits) -> Mesh:
     """The mesh of an Abaqus input file in SI units, with what it has beside its cells.
 
-    Instances stand where the assembly puts them. Labels are those of the parts; where those of several instances repeat,
-    the second has a power of ten added, the third twice that. Nodes of the assembly itself that no cell uses are no part of
-    the mesh, but of what works on them.
+    Instances stand where the assembly puts them. Labels are those of the parts; where those of several instances
+    repeat, the second has a power of ten added, the third twice that. Nodes of the assembly itself that no cell uses
+    are no part of the mesh, but of what works on them.
 
     Raises
     ------

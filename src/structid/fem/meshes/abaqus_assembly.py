@@ -178,8 +178,8 @@ class PartData:
         """Move the nodes to the place of the instance: by a shift, then by a rotation about a line; sets `shift`, `turn`.
 
         `rows` are the words of the data lines: the shift, then two points of the line and an angle in degrees; none if
-        not moved. A first line of more than three numbers is one that turns. Raises `ValueError` if the line that turns has
-        not seven numbers, or both points are one.
+        not moved. A first line of more than three numbers is one that turns. Raises `ValueError` if the line that turns
+        has not seven numbers, or both points are one.
         """
         if not rows:
             return

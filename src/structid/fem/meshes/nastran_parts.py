@@ -631,8 +631,8 @@ def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
 def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
     """Weight, components (digits) and nodes of each group of an RBE3, and the pairs of node and components behind UM.
 
-    `fields` are those of the card from the first weight on; `ValueError` if that is blank, so that what follows is none, or a
-    later field that may be a weight is and components may follow.
+    `fields` are those of the card from the first weight on; `ValueError` if that is blank, so that what follows is
+    none, or a later field that may be a weight is and components may follow.
     """
     if not fields[:1] or not fields[0]:
         raise ValueError("its first weight is blank")

@@ -78,8 +78,8 @@ class Sliding:
     def at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
         """Coefficients of the matrices with balanced sliding amplitudes, (n_lines, n_matrices), and readings; cached.
 
-        The readings of sensors and contacts, (n_lines, n_outputs + n_contacts, 1), come from those without friction; None where
-        that would lose digits. `physical` (n_params,) are the parameters.
+        The readings of sensors and contacts, (n_lines, n_outputs + n_contacts, 1), come from those without friction;
+        None where that would lose digits. `physical` (n_params,) are the parameters.
         """
         return self._cache.get_or_make(physical.tobytes(), lambda: self._balanced(physical))
 

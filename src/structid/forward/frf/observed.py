@@ -2,9 +2,10 @@
 of Hann-windowed segments.
 
 Under a stationary random force the expected cross spectrum of windowed segments is that of the force times the FRF,
-averaged over the lines around with the power spectrum of the window (Bendat and Piersol 2010, section 11.5). In time the
-impulse response is multiplied by the correlation of the window with itself, which for segments of duration T is 1 at no lag
-and 0 from T on. Written as a sum of decaying oscillations, sum of c exp(-a t / T), it makes of H(s) the sum of c H(s + a / T).
+averaged over the lines around with the power spectrum of the window (Bendat and Piersol 2010, section 11.5). In time
+the impulse response is multiplied by the correlation of the window with itself, which for segments of duration T is 1
+at no lag and 0 from T on. Written as a sum of decaying oscillations, sum of c exp(-a t / T), it makes of H(s) the sum
+of c H(s + a / T).
 """
 
 from __future__ import annotations

@@ -107,8 +107,8 @@ class Response:
     def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """Products -y' (dZ/dp) x without conjugate, (n_frequencies, n_y, n_x, n_params).
 
-        `x` (n_frequencies, n_dofs, n_x) are motions under any drive, `y` (n_frequencies, n_dofs, n_y) under unit loads at the
-        sensors.
+        `x` (n_frequencies, n_dofs, n_x) are motions under any drive, `y` (n_frequencies, n_dofs, n_y) under unit loads
+        at the sensors.
         """
         return self.slopes.products(physical, -self._coefficients(physical), x, y)
 

@@ -1,8 +1,8 @@
 """Solvers of the equations of motion at the lines of a record: fields, readings and derivatives.
 
 Small models: dense matrices, many lines together. Large ones: sparse matrices, line by line, with one line's fields in
-memory. Others are joined to what is no part of their matrices, supports that drive or measured components, or have FRFs of a
-solver in place of matrices.
+memory. Others are joined to what is no part of their matrices, supports that drive or measured components, or have FRFs
+of a solver in place of matrices.
 """
 
 from __future__ import annotations
@@ -187,14 +187,15 @@ class TabulatedFrf:
 class SubstructureCoupling:
     """The lines of a model some of whose degrees of freedom are joined to something else; see `Response`.
 
-    What is joined has the receptance Y there, and motions b of its own. The force between the two brings them together: with
-    X = Z^-1 (columns), columns b of unit forces at what is joined, and H their readings there, a forces column f gives
+    What is joined has the receptance Y there, and motions b of its own. The force between the two brings them together:
+    with X = Z^-1 (columns), columns b of unit forces at what is joined, and H their readings there, a forces column f
+    gives
 
         x = X_f - X_b (Y + H_bb)^-1 (H_bf - b).
 
-    A measured component has its own Y and no motion of its own: frequency-based substructuring in its dual form, which needs
-    the inverse of neither Y nor H_bb. A support that drives has no Y, and a load at it is its motion, not a force. The same
-    holds for the adjoint fields of sensors, so that derivatives are -y' (dZ/dp) x as ever.
+    A measured component has its own Y and no motion of its own: frequency-based substructuring in its dual form, which
+    needs the inverse of neither Y nor H_bb. A support that drives has no Y, and a load at it is its motion, not a
+    force. The same holds for the adjoint fields of sensors, so that derivatives are -y' (dZ/dp) x as ever.
 
     Attributes
     ----------

@@ -47,8 +47,9 @@ class ModalSettings:
     frequency_guard : float
         A model mode is worth half as much to the pairing at this logarithmic distance in frequency.
     shape_form : ShapeForm
-        How shapes count: ``entries``, by the standard deviation of each; ``mac``, as (1 - MAC) / ``shape_error**2`` of each
-        mode, for comparison with work that minimizes such sums. MACs have no noise model: intervals are those of the weight.
+        How shapes count: ``entries``, by the standard deviation of each; ``mac``, as (1 - MAC) / ``shape_error**2`` of
+        each mode, for comparison with work that minimizes such sums. MACs have no noise model: intervals are those of
+        the weight.
     """
 
     form: ModalForm = "output"

@@ -46,7 +46,8 @@ class ModelState:
     physical : (n_params,) float array
         Parameters of the structure.
     readings : (n_channels, n_errors) float array
-        Derivative of the logarithm of what each sensor reads with respect to errors of channels, which follow the parameters.
+        Derivative of the logarithm of what each sensor reads with respect to errors of channels, which follow the
+        parameters.
     """
 
     mass: sparse.csc_array

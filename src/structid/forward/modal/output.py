@@ -233,8 +233,8 @@ def _frequencies_of_group(
 
     The order is frequencies (m,), slope, off-diagonal (m, m), slope; slopes have the parameters last. `eigenvalues`
     (m,) are the diagonal of Lambda, `a` is A (m, m); `d_lambda` and `d_a` (m, m, n_params) are the slopes of Lambda and
-    A; `group` gives the standard deviations. Diagonal entries below a floor count as the floor, with a slope of 0. For a
-    single mode T is Lambda.
+    A; `group` gives the standard deviations. Diagonal entries below a floor count as the floor, with a slope of 0. For
+    a single mode T is Lambda.
     """
     if len(eigenvalues) == 1:
         a, d_a = np.ones_like(a), np.zeros_like(d_a)

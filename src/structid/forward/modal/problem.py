@@ -51,9 +51,9 @@ class ModalProblem(RecordProblem):
     structure : Structure
     parameters : Parameters
     record : ModalRecord
-        Modes at 0 Hz are left out. Shape entries that are unknown have no part in residual, scale and pairing; of close modes
-        the channels count that are known in all of them. A mode without a known entry counts by its frequency (and damping
-        ratio) alone, and is paired by it.
+        Modes at 0 Hz are left out. Shape entries that are unknown have no part in residual, scale and pairing; of close
+        modes the channels count that are known in all of them. A mode without a known entry counts by its frequency
+        (and damping ratio) alone, and is paired by it.
     settings : ModalSettings
         What counts of the modes, and how.
     channels : ChannelErrors, optional
@@ -236,7 +236,8 @@ class ModalProblem(RecordProblem):
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
         """Law of the noise of the data rows at `theta` (n_params,).
 
-        Rows count as independent in the form ``dynamic``, and where the record does not say how its numbers vary together.
+        Rows count as independent in the form ``dynamic``, and where the record does not say how its numbers vary
+        together.
         """
         if self.settings.form == "dynamic":
             return RowNoise()

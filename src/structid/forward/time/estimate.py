@@ -40,8 +40,8 @@ class WhitenedRows(Problem):
     labels : DataRows
         Instant (or window), and twice the degree of freedom, of each row.
     force : (n_rows,) float array
-        Measured force in the rows, which `right` holds beside what is known of the structure. The derivative of the residual by a
-        relative error of the calibration is its negative.
+        Measured force in the rows, which `right` holds beside what is known of the structure. The derivative of the
+        residual by a relative error of the calibration is its negative.
     """
 
     parameters: Parameters

@@ -262,7 +262,8 @@ class Transient:
 class SpectraModel:
     """Predictions of a `SpectraProblem` at any values of its parameters.
 
-    `errors` are those of its channels, whose parameters follow those of the structure; `order` is None without a transient.
+    `errors` are those of its channels, whose parameters follow those of the structure; `order` is None without a
+    transient.
     """
 
     structure: Structure
@@ -461,7 +462,8 @@ def _forces(model: SpectraModel) -> FloatArray:
 def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
     """Factor of the response far above all modes in H, errors of channels included, (n_frequencies, n_outputs, n_inputs).
 
-    `read` (n_frequencies, n_outputs) and `stated` (n_frequencies, n_inputs) are the factors of sensors and of load cells.
+    `read` (n_frequencies, n_outputs) and `stated` (n_frequencies, n_inputs) are the factors of sensors and of load
+    cells.
     """
     of_sensors = spectra.hold_aliases * read / spectra.output_powers
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
@@ -552,9 +554,9 @@ class SpectraProblem(RecordProblem):
         the modes above the band, the alias of the jump between the end and the start of the record, and what a late
         channel holds of the time before it instead of its end; see `transient_order`.
     tones : tuple of float
-        Hz: steady tones in the motions that no force made, such as mains, with a size and phase of each sensor's own. In the
-        transform of a finite record each is (a + b s) / (s^2 + omega^2), and a tone a part of a line beside it shows in the
-        square of that: both are linear unknowns beside those of the transient.
+        Hz: steady tones in the motions that no force made, such as mains, with a size and phase of each sensor's own.
+        In the transform of a finite record each is (a + b s) / (s^2 + omega^2), and a tone a part of a line beside it
+        shows in the square of that: both are linear unknowns beside those of the transient.
     record : TimeRecord, optional
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
     channels : ChannelErrors, optional
