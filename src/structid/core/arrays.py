@@ -1,4 +1,4 @@
-"""Array hygiene: locked copies, shape checks, complex numbers stacked as real ones, and long histories by their extremes."""
+"""Array hygiene: locked copies, shape checks, complex numbers stacked as real ones, long histories by extremes."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def square_root(covariance: FloatArray) -> FloatArray:
 
 
 def with_entries(matrix: Sparse, entries: NumberArray) -> Sparse:
-    """A compressed sparse matrix with the pattern of `matrix`, which shares its indices, and other `entries` (n_entries,).
+    """A compressed sparse matrix with the pattern of `matrix`, whose indices it shares, and other `entries`.
 
     Sizes and indices are not checked again, which takes longer than a product with a small matrix.
     """

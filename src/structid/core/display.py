@@ -1,4 +1,4 @@
-"""Objects and numbers as text: a line and a short table, and values with their standard deviations to matching digits."""
+"""Objects and numbers as text: a line and a short table, and values with standard deviations to matching digits."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
 
 
 def names_like(text: str, names: Sequence[str]) -> list[str]:
-    """At most three of `names` that `text` may stand for: those that begin with it in any case, then those spelled alike.
+    """At most three of `names` that `text` may stand for: those that begin with it in any case, then alike spellings.
 
     The list is empty where no name is like it.
     """

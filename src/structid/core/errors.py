@@ -22,7 +22,7 @@ class InputError(StructidError, ValueError):
 
 
 class MissingNameError(InputError, KeyError):
-    """A name by which something is asked for does not exist; the message has the nearest names, then the first that do exist."""
+    """A name that is asked for does not exist; the message has the nearest names, then the first that do exist."""
 
     __str__ = InputError.__str__  # a KeyError shows its message in quotes
 

@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Provenance:
-    """Versions and input files that an answer was made from; the same input gives the same provenance on any day, in any folder.
+    """Versions and input files that an answer was made from; the same input gives the same, on any day, in any folder.
 
     Attributes
     ----------

@@ -103,7 +103,7 @@ _ACCEPTED_FRF = (
 
 
 def mistaken_motions(is_rotation: bool, is_acceleration: bool = True) -> tuple[tuple[float, str, str], ...]:
-    """Pairs of units that are often confused for a sensor: (factor by which it reads too high, true unit, unit assumed)."""
+    """Pairs of units often confused for a sensor: (factor by which it reads too high, true unit, unit assumed)."""
     return _MISTAKEN_TURNS if is_rotation else _MISTAKEN if is_acceleration else _MISTAKEN[1:]
 
 

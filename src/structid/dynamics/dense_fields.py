@@ -111,7 +111,7 @@ class DenseFields:
 
     @cached_property
     def _contacts(self) -> FloatArray:
-        """Direction vectors b of the friction contacts, whose matrices are b b' or its negative, (n_dofs, n_contacts)."""
+        """Direction vectors b of friction contacts, whose matrices are b b' or its negative, (n_dofs, n_contacts)."""
         directions = np.zeros((self.matrices.shape[1], len(self.matrices) - _BASIC))
         for contact, matrix in enumerate(self.matrices[_BASIC:]):
             dof = int(np.abs(np.diag(matrix)).argmax())
@@ -238,18 +238,18 @@ class _ModalFields:
         return weights
 
     def read(self, reader: FloatArray, loads: IntArray) -> _ModalFields:
-        """Sum over the same poles for the readings of `reader` (n_read, n_dofs), under the loads with the indices `loads`."""
+        """Sum over the same poles for the readings of `reader` (n_read, n_dofs), under the loads at indices `loads`."""
         return replace(self, shapes=reader @ self.shapes, drive=self.drive[:, loads])
 
     def at(self, lines: slice | IntArray) -> ComplexArray:
-        """The fields, or readings, at some of the lines, (n, n_dofs, n_loads); not finite at a line on an undamped pole."""
+        """The fields, or readings, at some lines, (n, n_dofs, n_loads); not finite at a line on an undamped pole."""
         weights = self._weights(self.variable[lines])
         with np.errstate(invalid="ignore"):
             return (weights @ self._residues).reshape(len(weights), len(self.shapes), -1)
 
 
 def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
-    """True if `n_lines` lines are worth an eigenvalue problem of the structure, twice as large with viscous damping (`damped`).
+    """True if `n_lines` lines are worth an eigenvalue problem, of twice the size with viscous damping (`damped`).
 
     They are from 60 + `n_dofs` lines on, or from 60 + 5 `n_dofs` with viscous damping.
     """

@@ -93,7 +93,7 @@ def exact_step(
 
 
 def exponential_derivative(matrix: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Matrix exponential exp(A) and its Frechet derivatives in the directions E, by Taylor series, scaling and squaring.
+    """Matrix exponential exp(A) and its Frechet derivatives in directions E, by Taylor series, scaling and squaring.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ class Factorizer(Protocol):
 
 
 def usable_threads(n: int) -> int:
-    """Number of threads for a factorization of `n` unknowns: STRUCTID_THREADS if set, else 1 below 20,000, else all processors.
+    """Number of threads for `n` unknowns: STRUCTID_THREADS if set, else 1 below 20,000, else all processors.
 
     Raises
     ------
@@ -201,7 +201,7 @@ class SuperLuAnalysis:
 
     @cached_property
     def _reordered(self) -> sparse.csc_matrix:
-        """A matrix (n, n) of zeros with the reordered pattern; its indices, checked once, serve for all factorizations."""
+        """A matrix (n, n) of zeros with the reordered pattern; its checked indices serve for all factorizations."""
         _, entry, indices, indptr = self._ordering
         matrix = sparse.csc_matrix((np.zeros(len(entry)), indices, indptr), (len(indptr) - 1,) * 2)
         matrix.sum_duplicates()
@@ -372,7 +372,7 @@ class _Handle:
     """The library's memory of one pattern in one arithmetic; freed with this object."""
 
     def __init__(self, kind: int, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None) -> None:
-        """Set PARDISO's options for one pattern; `kind` is its matrix type, `loaded` marks rows that right-hand sides use.
+        """Set PARDISO's options for one pattern; `kind` is its matrix type, `loaded` marks rows of right-hand sides.
 
         `indices` and `indptr` are the pattern of the upper triangle in compressed rows. `loaded` (n,) is None where
         right-hand sides are full.
@@ -389,7 +389,7 @@ class _Handle:
         weakref.finalize(self, self.held.release)
 
     def run(self, phase: int, entries: NumberArray, right: NumberArray | None = None) -> NumberArray | None:
-        """Solution (n, n_right) by one phase of PARDISO for the right-hand sides `right` (n, n_right); None without `right`.
+        """Solution (n, n_right) by one phase of PARDISO for right-hand sides `right` (n, n_right); None without them.
 
         `phase` is PARDISO's number of the phase; `entries` are those of the pattern, in its order. Raises
         `SingularMatrixError` if the library reports an error.
@@ -484,7 +484,7 @@ class PardisoFactor:
         return loaded is not None and not self.n_changed and not right[~loaded].any()
 
     def _check_solution(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
-        """`solution` unchanged; raises `SingularMatrixError` if pivots were changed and the relative residual exceeds 1e-6.
+        """`solution` unchanged; `SingularMatrixError` if pivots were changed and the relative residual exceeds 1e-6.
 
         `right` are the right-hand sides (n, n_right).
         """

@@ -249,7 +249,7 @@ def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: f
     factor = splu(sparse.csc_matrix(matrix))
 
     def solve(forces: FloatArray) -> FloatArray:
-        """Displacements (B'B + `shift` M)^-1 `forces`, of their shape: one force vector (n,) or several (n, n_columns)."""
+        """Displacements (B'B + `shift` M)^-1 `forces`, of their shape: one force vector (n,) or (n, n_columns)."""
         columns = forces.reshape(n, -1)
         right = np.concatenate([np.zeros((n_strains, columns.shape[1])), (-size / scale)[:, None] * columns])
         return np.asarray(size[:, None] * factor.solve(right)[n_strains:]).reshape(forces.shape)
@@ -381,7 +381,7 @@ def _orthonormal(block: FloatArray) -> FloatArray:
 
 
 def _ritz(energy: _Energy, mass: sparse.csc_array, space: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (n,), ascending, and mass-normalized vectors (n_dofs, n) of the best approximation in `space` (n_dofs, n).
+    """Eigenvalues (n,), ascending, and mass-normalized vectors (n_dofs, n) of the best approximation in `space`.
 
     `energy` gives V'KV of a space V, `mass` is (n_dofs, n_dofs).
     """
@@ -390,7 +390,7 @@ def _ritz(energy: _Energy, mass: sparse.csc_array, space: FloatArray) -> tuple[F
 
 
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
-    """Inverse of the shifted stiffness as a linear operator, by the factorizer in use; None if a diagonal entry is 0."""
+    """Inverse of the shifted stiffness as a linear operator, by the factorizer in use; None if a diagonal is 0."""
     shifted.sort_indices()
     if not shifted.diagonal().all():
         return None
@@ -404,7 +404,7 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_modes) of `mass` and `stiffness` (n_dofs, n_dofs).
+    """Eigenvalues omega^2, ascending, and mass-normalized shapes (n_dofs, n_modes), of matrices (n_dofs, n_dofs).
 
     Motions without mass, of a degree of freedom or a combination of several, follow statically; n_modes counts the
     others.

@@ -273,7 +273,7 @@ class FieldSweep:
             yield self.fields(line) if self.basis.left(line) <= _IN_FULL else self._factorize_line()
 
     def _converged_fields(self) -> NumberArray:
-        """Fields (n_dofs, n_columns) at the current line, solved by corrections from the last factorization or by a new one.
+        """Fields (n_dofs, n_columns) at the current line, by corrections from the last factorization or a new one.
 
         Corrections end when they leave 5 % of the residual of the basis; where they are slow, the line is factorized.
         """
@@ -290,7 +290,7 @@ class FieldSweep:
         return self._factorize_line()
 
     def _add_undamped_line(self) -> None:
-        """Take in the line without damping, a quarter of the products; with it where it lies at an undamped resonance."""
+        """Take in the line without damping, a quarter of the products; with it if at an undamped resonance."""
         try:
             self._factorize_line(is_damped=False)
         except SingularModelError:

@@ -55,7 +55,7 @@ class Assembly:
 
 
 def structure_matrix_kinds(structure: Structure) -> tuple[str, ...]:
-    """Kinds of the matrices in the dynamic stiffness of `structure`: the four of every structure, then one each friction."""
+    """Kinds of the matrices in the dynamic stiffness of `structure`: the four of all, then one each friction."""
     frictions = dict.fromkeys(
         part.matrix_kind for part in structure.contributions if part.matrix_kind not in MATRIX_KINDS
     )

@@ -25,7 +25,7 @@ def index_kind(largest: int) -> type[np.int32] | type[np.int64]:
 
 
 class ElementMatrices(Protocol):
-    """Common interface of `Blocks` and `MatrixBlocks`: matrices of elements that are assembled, applied and selected."""
+    """Common interface of `Blocks` and `MatrixBlocks`: element matrices that are assembled, applied and selected."""
 
     @property
     def n_elements(self) -> int: ...
@@ -117,7 +117,7 @@ class Blocks:
         return row, column, is_stored
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e over the elements, as a sparse (n_dofs, n_dofs) array; `weights` is (n_elements,)."""
+        """Sum of weights[e] B_e over the elements, as a sparse (n_dofs, n_dofs) array; `weights` is (n_elements,)."""
         row, column, element, value = self.entries()
         summed = sparse.coo_array((value * np.asarray(weights)[element], (row, column)), (self.n_dofs, self.n_dofs))
         return summed.tocsc()

@@ -1,4 +1,4 @@
-"""Element matrices of a structure with the values that weigh them, and the stiffness as B'B of what strains the elements."""
+"""Element matrices of a structure with the values that weigh them, and the stiffness as B'B of strains of elements."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Factor(Protocol):
         ...
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivatives of the factors by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
+        """Derivatives of the factors by the values at `value_indices[number]`, (n_elements,), at `values`."""
         ...
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ class ShearFactor(Factor):
 
     @property
     def value_indices(self) -> tuple[slice, ...]:
-        """Indices of the bending stiffnesses and of the shear stiffnesses among the values of the structure, one an element."""
+        """Indices of bending stiffnesses and of shear stiffnesses among the values of the structure, one an element."""
         return (self.bending, self.shear)
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -184,16 +184,16 @@ class LengthFactor(Factor):
 
     @property
     def value_indices(self) -> tuple[ValueIndex, ...]:
-        """Indices of the positions of nodes, and of a common factor on lengths, that each element's length depends on."""
+        """Indices of node positions, and of a common factor on lengths, that each element's length depends on."""
         return self.length_dependence.at
 
     def of(self, values: FloatArray) -> FloatArray:
-        """Lengths over the nominal ones, to the power, (n_elements,), at property `values` (n_values,) of the structure."""
+        """Lengths over the nominal ones, to the power, (n_elements,), at property `values` (n_values,)."""
         powers: FloatArray = self.length_dependence.ratio(values) ** self.power
         return powers
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
-        """Derivatives of the factors by the values at `value_indices[number]`, (n_elements,), at `values` (n_values,)."""
+        """Derivatives of the factors by the values at `value_indices[number]`, (n_elements,), at `values`."""
         steep = self.power * self.length_dependence.ratio(values) ** (self.power - 1) / self.length_dependence.lengths
         return steep * self.length_dependence.slopes[number]
 
@@ -287,7 +287,7 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
 
 
 class WeighedEntries(NamedTuple):
-    """Entries of the element matrices of several contributions, with the weight that multiplies each; (n_entries,) each.
+    """Entries of the element matrices of several contributions, with the weight that multiplies each; (n_entries,).
 
     Columns are raised by n_dofs times the index of the matrix that an entry belongs to. Weights are numbered through
     all contributions.

@@ -113,7 +113,7 @@ class ModalDamping(Factor):
 
     @cached_property
     def value_indices(self) -> tuple[IntArray, ...]:
-        """Indices of the values that the damping depends on, each broadcast over all entries; see `Factor.value_indices`."""
+        """Indices of the values that the damping depends on, each broadcast over all entries."""
         return tuple(np.broadcast_to(value, self.rows.shape) for value in self._values)
 
     def of(self, values: FloatArray) -> FloatArray:
@@ -122,7 +122,7 @@ class ModalDamping(Factor):
         return found
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
-        """True for every entry if a mass or stiffness value is marked in `changing` (n_values,), else False; (n_entries,)."""
+        """True for every entry if a mass or stiffness value is marked in `changing` (n_values,); (n_entries,)."""
         return np.full(self.rows.shape, changing[self._values].any())
 
     def slope(self, values: FloatArray, number: int) -> FloatArray:
@@ -138,7 +138,7 @@ class ModalDamping(Factor):
         return np.asarray(table[number])
 
     def _alone(self, numbers: Sequence[int]) -> sparse.csr_array:
-        """Derivative (n_values, n) of all values by those with the given `numbers` among the ones that damping depends on."""
+        """Derivative (n_values, n) of all values by those with `numbers` among the ones that damping depends on."""
         columns = np.arange(len(numbers))
         return sparse.csr_array(
             (np.ones(len(numbers)), (self._values[list(numbers)], columns)), (self.n_values, len(numbers))

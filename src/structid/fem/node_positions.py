@@ -93,7 +93,7 @@ class LengthDependence:
     nominal: tuple[FloatArray, ...]
 
     def followed_by(self, other: LengthDependence) -> LengthDependence:
-        """Dependence on the properties of this and then of `other`, for the same elements; the changes of length add."""
+        """Dependence on the properties of this and then of `other`, for the same elements; length changes add."""
         return LengthDependence(
             self.lengths,
             (*self.at, *other.at),
@@ -251,7 +251,7 @@ _WEIGHTS = _power_weights()
 
 
 def stretched_lengths(element: ElementSet, positions: NodeCoordinates, index: int) -> LengthDependence:
-    """The dependence of all lengths of a set on one common factor, nominally 1, at `index` among the values of the structure.
+    """The dependence of all lengths of a set on one common factor, nominally 1, at `index` among the values.
 
     `positions` are those of the nodes, m.
     """

@@ -247,7 +247,7 @@ class Structure(Shown, StructurePlots):
         self.require_masses(what)
 
     def require_masses(self, what: str) -> None:
-        """Raise `InputError` if a solver gave modes without modal masses; `what` is in words what cannot be computed then."""
+        """Raise `InputError` if a solver gave modes without modal masses; `what` says what cannot be computed then."""
         free = [e.name for e in self.elements if isinstance(e, SolverModel) and not e.has_mass]
         if free:
             raise InputError(
@@ -310,7 +310,7 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def _numbered(self) -> NumberedTerms:
-        """Matrix terms of all element sets, subdivided where asked, with the codes of degrees of freedom between the pieces."""
+        """Matrix terms of all element sets, subdivided where asked, with the codes of motions between the pieces."""
         used = [element.codes(self.nodes) for element in self.elements if not element.follows]
         present = joined_codes([*used, tied_codes(self._equations)])
         return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide, self.sliding)
@@ -502,7 +502,7 @@ class Structure(Shown, StructurePlots):
         return total
 
     def strain_operator(self, values: FloatArray) -> sparse.csr_array | None:
-        """The matrix B with stiffness K = B'B at the property values (n_values,), (n_strains, n_dofs): strains of elements.
+        """The matrix B with stiffness K = B'B at property values (n_values,), (n_strains, n_dofs): element strains.
 
         None where an element matrix is not a sum of squares, or where groups of matrices make up the stiffness.
         """
@@ -569,7 +569,7 @@ class Structure(Shown, StructurePlots):
             self.selection(wanted)
 
     def mass_of(self, values: FloatArray | None = None, direction: str | None = None) -> float:
-        """Mass that takes part in rigid motion along `direction`, kg: r' M r on all degrees of freedom, supports included.
+        """Mass that takes part in rigid motion along `direction`, kg: r' M r on all motions, supports included.
 
         Parameters
         ----------

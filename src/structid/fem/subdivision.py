@@ -1,4 +1,4 @@
-"""Degrees of freedom inside elements, numbered above all nodes: between equal pieces, and at ends released by joints."""
+"""Degrees of freedom inside elements, numbered above all nodes: between equal pieces, at ends released by joints."""
 
 from __future__ import annotations
 

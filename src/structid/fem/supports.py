@@ -1,4 +1,4 @@
-"""Constraints of a structure (supports, rigid links, multi-point constraints), and the degrees of freedom they leave free."""
+"""Constraints of a structure (supports, rigid links, multi-point constraints), and the degrees of freedom left free."""
 
 from __future__ import annotations
 
@@ -425,12 +425,12 @@ def free_blocks(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> ElementM
 
 
 def blocks_of_all(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> Blocks:
-    """The element matrices of a matrix term on all degrees of freedom, those of supports and dependent ones included."""
+    """The element matrices of a matrix term on all degrees of freedom, also those of supports and dependents."""
     return Blocks(_positions_in(all_dofs, matrix_term), matrix_term.local, len(all_dofs.codes))
 
 
 def _positions_in(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> IntArray:
-    """Index among all degrees of freedom of each code of a matrix term, in the shape of its `codes`; -1 for absent codes."""
+    """Index among all degrees of freedom of each code of a matrix term, in the shape of `codes`; -1 if absent."""
     index = np.minimum(np.searchsorted(all_dofs.codes, matrix_term.codes), len(all_dofs.codes) - 1)
     return np.where(all_dofs.codes[index] == matrix_term.codes, index, -1)
 

@@ -1,4 +1,4 @@
-"""Errors of sensors and load cells (gain, delay, polarity, decay of a window), and the declarations that make them unknown."""
+"""Errors of sensors and load cells (gain, delay, polarity, window decay), and declarations that make them unknown."""
 
 from __future__ import annotations
 
@@ -125,13 +125,13 @@ class ChannelErrors(NamedUnknowns):
         return output[:, :, None] / input_[:, None, :]
 
     def lateness(self, physical: FloatArray) -> FloatArray:
-        """Delay of every FRF, s, (n_outputs, n_inputs), from the values `physical` (n_errors,) of the channel errors."""
+        """Delay of every FRF, s, (n_outputs, n_inputs), from the values `physical` (n_errors,) of channel errors."""
         delays = self.rows("delay")
         late: FloatArray = np.tensordot(physical[delays], self.exponents[delays], 1)
         return late
 
     def log_slopes(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """Derivative of the logarithm of `factor` by each physical parameter, (n_frequencies, n_outputs, n_inputs, n_params).
+        """Derivative of the logarithm of `factor` by each error, (n_frequencies, n_outputs, n_inputs, n_params).
 
         `physical` (n_params,) are the errors, `laplace` (n_frequencies,) is s in 1/s. The column of a window's decay,
         which shifts s, is 0.

@@ -60,7 +60,7 @@ def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
 
 
 def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...]) -> Parameters:
-    """Parameters followed by a factor on each of the properties `fixed`, with start 1; values at the start do not change."""
+    """Parameters followed by a factor on each of the properties `fixed`, with start 1; values at the start stay."""
     columns = relative_sensitivities(parameters.offset, fixed)
     factors = _unit_factors(*([getattr(item, name) for item in fixed] for name in ("label", "kind", "tolerance")))
     return replace(

@@ -1,4 +1,4 @@
-"""The least-squares problem of one record: a structure with unknown parameters against measured responses, modes or histories."""
+"""The least-squares problem of one record: a structure with unknown parameters against measured responses or modes."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ class RecordProblem(Problem):
         return self.with_parts((parameters, *self.parts[1:]))
 
     def with_structure(self, structure: Structure, parameters: Parameters) -> Self | None:
-        """A copy with another structure and its parameters, data and weights as before; None where data depend on these."""
+        """A copy with another structure and its parameters, same data and weights; None if data depend on these."""
         changed: dict[str, object] = {"structure": structure, "parameters": parameters}
         return cast(Self, replace(cast("DataclassInstance", self), **changed))
 
@@ -227,7 +227,7 @@ class RecordProblem(Problem):
         return self.with_parts((self.parameters, channels))
 
     def with_free_prior(self, mean: FloatArray, std: FloatArray) -> Self:
-        """A copy with a Gaussian prior `mean`, `std` on its free variables, (n_params,) each; see `NamedUnknowns.free_prior`."""
+        """A copy with a Gaussian prior `mean`, `std` on its free variables, (n_params,) each."""
         ends = np.cumsum([part.n_params for part in self.parts])[:-1]
         priors = zip(self.parts, np.split(mean, ends), np.split(std, ends), strict=True)
         return self.with_parts([replace(part, free_prior=(m, s)) for part, m, s in priors])
@@ -254,7 +254,7 @@ def polarities(problem: RecordProblem) -> tuple[float, ...]:
 
 
 def with_polarities(problem: P, signs: Sequence[float]) -> P:
-    """A copy of `problem` with the polarities `signs`, +1 or -1 for each unknown polarity; itself without channel errors."""
+    """A copy of `problem` with the polarities `signs`, +1 or -1 for each unknown one; itself without channel errors."""
     if problem.channels is None:
         return problem
     return problem.with_channels(replace(problem.channels, polarities=locked(signs, float)))

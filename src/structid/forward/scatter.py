@@ -63,7 +63,7 @@ class ScatterProblem(Problem):
         return residual_with_priors(self.unknowns, theta, self.coupling.residual(self.physical(theta)) / self.std)
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        """Deviations of each record's values from the common ones over the scatter, with derivatives, prior rows included."""
+        """Deviations of records' values from the common ones over the scatter, with derivatives, priors included."""
         residual, change = self.coupling.rows(self.physical(theta))
         rows = change * self.slope(theta) / self.std
         return linearization_with_priors(self.unknowns, theta, residual / self.std, rows)

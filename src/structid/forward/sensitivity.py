@@ -86,7 +86,7 @@ class ParameterForces:
         return total
 
     def columns(self, entries: NumberArray) -> NumberArray:
-        """Dense forces (n_dofs, n_x n_params) from their `entries` (n_forces, n_x); parameters vary fastest in the columns."""
+        """Dense forces (n_dofs, n_x n_params) from their `entries` (n_forces, n_x); columns have parameters fastest."""
         shape = (self.n_params, self.n_dofs)
         wide = [sparse.csr_array((column, self.indices, self.indptr), shape).toarray().T for column in entries.T]
         return np.concatenate(wide, axis=1)
@@ -275,7 +275,7 @@ class DenseForces:
 
 @dataclass(frozen=True, eq=False)
 class DenseSlopes:
-    """Derivatives of the matrices of a small model with respect to each parameter, for any values; made by `dense_slopes`.
+    """Derivatives of the matrices of a small model with respect to each parameter; made by `dense_slopes`.
 
     All entries of the maps of `DenseForces` are linear in the slopes of the weights of element matrices, which are the
     only things that change with the values.
@@ -484,7 +484,7 @@ def require_matrices_in_time(structure: Structure, unknown: Parameters) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SensitiveElements:
-    """Elements of one family of blocks whose weights depend on the parameters, and the matrices in which they appear."""
+    """Elements of one family of blocks whose weights depend on the parameters, and the matrices they appear in."""
 
     blocks: ElementMatrices
     rows: IntArray

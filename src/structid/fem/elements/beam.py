@@ -1,4 +1,4 @@
-"""Bars, and beams on a line, in a plane or in space, with Hermite cubics (Euler-Bernoulli, or Timoshenko where they shear)."""
+"""Bars, and beams on a line, in a plane or in space, by Hermite cubics (Euler-Bernoulli, or Timoshenko with shear)."""
 
 from __future__ import annotations
 

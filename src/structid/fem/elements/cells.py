@@ -1,4 +1,4 @@
-"""Cells: their interpolation, quadrature and gradients, and what element sets of cells share (positions, types, matrices)."""
+"""Cells: interpolation, quadrature and gradients, and what element sets of cells share (positions, types, matrices)."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class CellShape:
 
 
 def _monomials(points: FloatArray, exponents: IntArray) -> FloatArray:
-    """Values (n_points, n_monomials) of monomials with `exponents` (n_monomials, n_axes) at `points` (n_points, n_axes).
+    """Values (n_points, n_monomials) of monomials with `exponents` (n_monomials, n_axes) at `points`.
 
     A coordinate of 0 with a negative exponent counts as 1: the factor 0 of such a slope is taken elsewhere.
     """
@@ -103,7 +103,7 @@ def _monomials(points: FloatArray, exponents: IntArray) -> FloatArray:
 
 
 def _monomial_slopes(points: FloatArray, exponents: IntArray, axis: int) -> FloatArray:
-    """Derivatives (n_points, n_monomials) by coordinate `axis` of monomials with `exponents` (n_monomials, n_axes) at `points`."""
+    """Derivatives (n_points, n_monomials) by coordinate `axis` of monomials with `exponents` at `points`."""
     lowered = exponents.copy()
     lowered[:, axis] -= lowered[:, axis] != 0
     return exponents[:, axis] * _monomials(points, lowered)
@@ -121,7 +121,7 @@ def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
 
 
 def triangle_rule(order: int) -> tuple[FloatArray, FloatArray]:
-    """Points (n_points, 2) and weights of the reference triangle by collapsed Gauss points, exact to degree 2 `order` - 2."""
+    """Points (n_points, 2) and weights of the reference triangle by collapsed Gauss points, of degree 2 `order` - 2."""
     (points, weights) = box_rule(order, order)
     s, t = (points.T + 1) / 2
     return np.stack([s * (1 - t), t], axis=1), weights / 4 * (1 - t)

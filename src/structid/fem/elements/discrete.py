@@ -1,4 +1,4 @@
-"""Discrete elements: masses and inertias at nodes, and springs, dashpots, joints and dry friction between degrees of freedom."""
+"""Discrete elements: masses and inertias at nodes; springs, dashpots, joints and dry friction between motions."""
 
 from __future__ import annotations
 

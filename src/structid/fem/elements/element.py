@@ -237,7 +237,7 @@ def _wrong_arguments(kind: type[ElementSet], names: Sequence[str], named: Iterab
 
 @dataclass(frozen=True, eq=False)
 class ShearRatio:
-    """Dependence of a beam's matrix on its shear flexibility: a power of s = G / (G + ratio E), the ratio that bending takes.
+    """Dependence of a beam's matrix on its shear flexibility: a power of s = G / (G + ratio E), the part of bending.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ class ShearRatio:
 
 
 def shear_ratio(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
-    """Ratio s = shear / (shear + ratio bending) of `ShearRatio`: the part of the flexibility that is bending, (n_elements,).
+    """Ratio s = shear / (shear + ratio bending) of `ShearRatio`: the flexibility that is bending, (n_elements,).
 
     `bending` is EI in N m^2, `shear` G A_s in N and `ratio` 12 / length^2, (n_elements,) each.
     """
@@ -445,7 +445,7 @@ class ElementSet:
         raise NotImplementedError
 
     def section_directions(self, positions: NodeCoordinates) -> Mapping[str, FloatArray]:
-        """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates), by name of the force.
+        """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates), by its name.
 
         Empty except for lines. Local x runs from the first node to the second; a force is that on the section whose
         normal is local x.

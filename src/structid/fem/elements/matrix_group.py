@@ -1,4 +1,4 @@
-"""Whole matrices as elements: groups of a model from another finite element code, and the model of a solver in the loop.
+"""Whole matrices as elements: groups of a model from another finite element code, and the model of a solver.
 
 A solver gives matrices as polynomials in parameters, or FRFs alone.
 """
@@ -343,7 +343,7 @@ class FrfRuns:
 
 @element
 class SolverFrfs(ElementSet):
-    """A structure of which a solver gives FRFs alone: parameters of its deck are the properties, and there are no matrices."""
+    """A structure of which a solver gives FRFs alone: deck parameters are its properties, and it has no matrices."""
 
     has_matrices: ClassVar[bool] = False
 

@@ -68,7 +68,7 @@ class _Facets:
         return turned.reshape(local.shape)
 
     def to_facet(self, maps: FloatArray) -> FloatArray:
-        """The `maps` (..., 6 n) of motion in the first facet's axes as maps of its nodes' motion in global axes, (..., 6 n)."""
+        """The `maps` (..., 6 n) of motion in the first facet's axes as maps of global node motion, (..., 6 n)."""
         n = self.height.shape[1]
         linked = maps @ self._links()[0]
         return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
@@ -231,7 +231,7 @@ def _stretching(
 
 
 def _bending(name: str, nodes: IntArray, points: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
-    """Bending stiffness of shells in global axes, (n_cells, n_local, n_local), for unit modulus and unit thickness cubed.
+    """Bending stiffness of shells in global axes, (n_cells, n_local, n_local), for unit modulus and thickness cubed.
 
     `elasticity` (3, 3) gives plane stress from strain for unit modulus. `points` are the corners in m; `name` and
     `nodes` are those of the element set, for errors.
@@ -252,7 +252,7 @@ def _mass(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArr
 
 
 def _rotary_inertia(name: str, nodes: IntArray, points: FloatArray, cell: str) -> FloatArray:
-    """Mass matrices of the turning of shells, for unit density times thickness cubed, (n_cells, 3 n_corners, 3 n_corners)."""
+    """Mass matrices of the turning of shells, for unit density times thickness cubed, (n_cells, 3 n, 3 n)."""
     linear = unit_mass(name, nodes, facets(name, nodes, points).corners, cell)[:, ::2, ::2]
     return np.einsum("eij,kl->eikjl", linear / 12, np.eye(3)).reshape(len(nodes), 3 * nodes.shape[1], -1)
 

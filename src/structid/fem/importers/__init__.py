@@ -1,4 +1,4 @@
-"""Matrices of other finite element codes, from their files to groups of matrices on the degrees of freedom of a structure."""
+"""Matrices of other finite element codes, from files to groups of matrices on the degrees of freedom of a structure."""
 
 from structid.lazy import lazy
 

@@ -1,4 +1,4 @@
-"""Abaqus matrix files (.mtx): assembled with labels or as coordinates, entry by entry of each element, or user elements.
+"""Abaqus matrix files (.mtx): assembled with labels or as coordinates, element by element, or user elements.
 
 What is kept: values, node and component of each row, the element of each entry. An assembled symmetric matrix has one
 triangle in the file. Diagonal entries of 1e36, by which Abaqus holds a degree of freedom, are taken out.

@@ -78,7 +78,7 @@ class BulkLines:
     origins: Origins | None = None
 
     def take(self, lines: IntArray, column: IntArray | int, width: IntArray | int) -> Bytes:
-        """Characters from `column` (from 0) on of each of `lines` (indices), (n, width) uint8; blanks behind the line's end.
+        """Characters from `column` (from 0) on of each of `lines` (indices), (n, width) uint8; blanks behind its end.
 
         Where widths differ, the table is as wide as the widest, and at least eight.
         """
@@ -278,7 +278,7 @@ def _select_cards(
 
 
 def _require_marks_behind(lines: BulkLines, filled: IntArray, marked: NDArray[np.bool_]) -> None:
-    """Raise `FileError` if a continuation line stands behind a line without its mark, and another line ends in that mark.
+    """Raise `FileError` if a continuation line stands behind a line without its mark, and another ends in it.
 
     `filled` are the lines (indices) that are not blank, `marked` (n_lines,) those that go on and say by a mark with
     what. Lines in free field are passed over.

@@ -1,4 +1,4 @@
-"""CalculiX matrices of ``*FREQUENCY, SOLVER=MATRIXSTORAGE``: ``.sti`` and ``.mas``, numbered by the ``.dof`` beside them.
+"""CalculiX matrices of ``*FREQUENCY, SOLVER=MATRIXSTORAGE``: ``.sti`` and ``.mas``, numbered by the ``.dof`` file.
 
 Lines of row, column and value of the upper triangle. What is kept: values as printed (14 digits).
 

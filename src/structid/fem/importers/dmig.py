@@ -1,4 +1,4 @@
-"""Nastran DMIG cards, as bulk data and punch files hold them: entries with the grid point and component of row and column.
+"""Nastran DMIG cards, as bulk data and punch files hold them: entries with grid point and component of row and column.
 
 What is kept: name, values, numbering, symmetry. A symmetric matrix (form 6) has one triangle in the file.
 """

@@ -26,7 +26,7 @@ class FieldError(ValueError):
 
 
 def fields_at(buffer: Bytes, start: IntArray, end: IntArray, width: int) -> Bytes:
-    """Table (n, width) of `width` characters from each byte `start` (n,) of `buffer`; blanks from byte `end` (n,) on."""
+    """Table (n, width) of `width` characters from each byte `start` (n,) of `buffer`; blanks from `end` (n,) on."""
     offsets = start[:, None] + np.arange(width)
     inside = offsets < np.minimum(end, len(buffer))[:, None]
     return np.where(inside, buffer[np.minimum(offsets, len(buffer) - 1)], np.uint8(_BLANK))

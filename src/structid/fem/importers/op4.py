@@ -664,7 +664,7 @@ def _assemble_strings(
 
 
 def _finish_matrix(path: Path, name: str, matrix: sparse.csc_array, form: int) -> ImportedMatrix:
-    """The matrix called `name`, with both triangles if its OUTPUT4 form is 6 (symmetric); `FileError` if pairs disagree."""
+    """The matrix called `name`, both triangles if its OUTPUT4 form is 6 (symmetric); `FileError` if pairs disagree."""
     try:
         return ImportedMatrix(name, complete_triangles(matrix, name, form == 6))
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX input files as meshes: nodes, elements, sets and section offsets, of flat files and of assemblies."""
+"""Abaqus and CalculiX input files as meshes: nodes, elements, sets and section offsets, flat files and assemblies."""
 
 from __future__ import annotations
 

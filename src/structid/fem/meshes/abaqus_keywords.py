@@ -91,7 +91,7 @@ def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
 
 
 def spelled_out(keyword: str) -> str:
-    """The one keyword of those that are read which `keyword` (in capitals) is short for; "" if it is none or in full."""
+    """The one keyword that is read of which `keyword` (in capitals) is short; "" if it is none or in full."""
     full = [name for name in _SHORTENED if name.startswith(keyword)]
     return full[0] if len(full) == 1 and full[0] != keyword and len(keyword) >= _FEWEST_LETTERS else ""
 

@@ -1,4 +1,4 @@
-"""Nastran bulk data cards as tables of fields, with the files that INCLUDE brings in and replication (`=`, `*n`) written out.
+"""Nastran bulk data cards as tables of fields, with included files and replication (`=`, `*n`) written out.
 
 Coordinate systems, of definition and of displacement, are those of CORD1 and CORD2 cards.
 """

@@ -1,4 +1,4 @@
-"""Parts of a deck beside its cells: masses, springs, dashpots, rigid elements; as element sets and ties where they are taken."""
+"""Parts of a deck beside its cells: masses, springs, dashpots, rigid elements; taken as element sets and ties."""
 
 from __future__ import annotations
 
@@ -395,7 +395,7 @@ def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
 
 
 def _is_simple(matrix: FloatArray) -> bool:
-    """True if the mass `matrix` (6, 6) is one mass in all translations and inertias about the global axes, without coupling."""
+    """True if the mass `matrix` (6, 6) is one mass in all translations and inertias about global axes, uncoupled."""
     size = _ROUNDING * abs(matrix).max()
     diagonal = np.diag(matrix)
     return bool((abs(matrix - np.diag(diagonal)) <= size).all() and np.ptp(diagonal[:3]) <= size)

@@ -128,7 +128,7 @@ def _is_swapped(data: bytes, offset: int) -> bool:
 
 
 def _names(content: _Content, numbers: _Numbers) -> None:
-    """Read the names of physical groups, by dimension and tag, into `content`; without a dimension they hold in all four."""
+    """Read the names of physical groups, by dimension and tag, into `content`; for all four without a dimension."""
     for dimension, tag, name in numbers.groups():
         for stated in range(4) if dimension is None else (dimension,):
             content.names[stated, tag] = name

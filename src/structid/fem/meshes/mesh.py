@@ -227,7 +227,7 @@ class Mesh:
 
 
 def _dimension_of(block: CellBlock) -> int:
-    """Dimension of cells; -1 of masses and springs, and 3 of types that are not known, so that they are not overlooked."""
+    """Dimension of cells; -1 of masses and springs, and 3 of unknown types, so that they are not overlooked."""
     return -1 if block.is_beside else CELL_DIMENSIONS.get(block.kind, 3)
 
 

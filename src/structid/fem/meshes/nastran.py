@@ -1,4 +1,4 @@
-"""Nastran bulk data as meshes: grid points in any coordinate system, elements by property, their offsets and middle nodes."""
+"""Nastran bulk data as meshes: grid points in any coordinate system, elements by property, offsets, middle nodes."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> I
 
 
 def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
-    """Parts with an obstacle for element cards (names with C) that are not known, by name; `counts` are those of all cards."""
+    """Parts with an obstacle for unknown element cards (names with C), by name; `counts` are those of all cards."""
     known = {"GRID", *SYSTEM_CARDS, *_CELLS, *_REFUSED, *PART_CARDS}
     names = [name for name in counts if name.startswith("C") and name not in known and not _NO_ELEMENTS.match(name)]
     return [DeckPart(name, counts[name], obstacle="not known") for name in sorted(names)]
@@ -505,7 +505,7 @@ def _beam_stations(words: Sequence[str]) -> tuple[list[int], int]:
 
 
 def _beam_tail(words: Sequence[str]) -> list[str]:
-    """Fields of a PBEAM behind its stations: shear stiffness, inertia and warping, then offsets of mass and neutral axis."""
+    """Fields of a PBEAM behind its stations: shear stiffness, inertia, warping, offsets of mass and neutral axis."""
     return list(words[_beam_stations(words)[1] :])
 
 

@@ -1,5 +1,6 @@
-"""Meshes of universal files: nodes (2411, 781, 15), elements (2412) and groups (2467 and its kin), as I-DEAS, Simcenter, Salome and
-Code_Aster write them.
+"""Meshes of universal files: nodes (2411, 781, 15), elements (2412) and groups (2467 and the like).
+
+I-DEAS, Simcenter, Salome and Code_Aster write them.
 
 References
 ----------

@@ -135,7 +135,7 @@ def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
 
 
 def _add_numbers(groups: dict[str, tuple[IntArray, ...]], grid: _Grid, array: str) -> None:
-    """Add groups ``array=number`` to `groups` from the cell data `array` with one number a cell; known names stay as they are."""
+    """Add groups ``array=number`` to `groups` from the cell data `array`, one number a cell; known names stay."""
     parts = [np.asarray(part) for part in grid.cell_data[array]]
     for tag in np.unique(np.concatenate(parts)).tolist():
         groups.setdefault(f"{array}={tag}", tuple(np.flatnonzero(numbers == tag) for numbers in parts))

@@ -70,7 +70,7 @@ def smoothed_records(record: FrfRecord, levels: Sequence[float] = LEVELS) -> tup
 
 
 def is_noisy(record: FrfRecord) -> bool:
-    """True where the median noise of the values exceeds 20 % of their magnitude; False for a record without variance."""
+    """True if the median noise of the values exceeds 20 % of their magnitude; False for a record without variance."""
     return record.variance is not None and bool(np.median(record.variance / np.abs(record.values) ** 2) > _NOISY**2)
 
 

@@ -124,7 +124,7 @@ class Sliding:
 
     @cached_property
     def _stuck_amplitude(self) -> FloatArray:
-        """Amplitude of a contact that sticks, (n_lines, n_contacts): a small part of its frictionless motion at the start."""
+        """Amplitude of a contact that sticks, (n_lines, n_contacts): a small part of its free motion at the start."""
         free, _ = self._frictionless_readings(self.parameters.start)
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), _TINY)
 

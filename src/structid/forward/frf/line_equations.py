@@ -1,4 +1,4 @@
-"""The equations of motion at the lines of a record: dynamic stiffness with its derivatives, loads and sensors as columns."""
+"""Equations of motion at the lines of a record: dynamic stiffness with derivatives, loads and sensors as columns."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Channels:
         return fields[..., _as_slice(self.inputs[0])] * self.inputs[1]
 
     def under_sensors(self, fields: NumberArray) -> NumberArray:
-        """Fields under loads at sensors and contacts, signs included, from fields (..., n_columns) under all `columns`."""
+        """Fields under loads at sensors and contacts, with signs, from fields (..., n_columns) under `columns`."""
         return fields[..., _as_slice(self.outputs[0])] * self.outputs[1]
 
 
@@ -80,7 +80,7 @@ def _as_slice(index: IntArray) -> slice | IntArray:
 
 
 def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
-    """Readings (n_lines, n_readings, n) of fields (n_lines, n_dofs, n) by the sparse rows `reader` (n_readings, n_dofs)."""
+    """Readings (n_lines, n_readings, n) of fields (n_lines, n_dofs, n) by sparse rows `reader` (n_readings, n_dofs)."""
     flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
     readings = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])
     return np.moveaxis(readings, 0, 1)
@@ -165,7 +165,7 @@ class StiffnessSlopes:
         return assembly(self.structure)
 
     def serves(self, structure: Structure, parameters: Parameters) -> bool:
-        """True where these are the derivatives for that structure and parameters, whose priors and starts do not matter."""
+        """True if these are the derivatives for that structure and parameters, whatever their priors and starts."""
         known = self.parameters
         same = known.design is parameters.design and known.offset is parameters.offset
         return same and self.structure is structure

@@ -1,7 +1,6 @@
-"""FRFs as a record has them: read by sensors and load cells with errors, with errors of measured components, and from averages
-of Hann-windowed segments.
+"""FRFs as a record has them: with errors of sensors, load cells and measured components, and from averaged segments.
 
-Under a stationary random force the expected cross spectrum of windowed segments is that of the force times the FRF,
+Under a stationary random force the expected cross spectrum of Hann-windowed segments is that of the force times the FRF,
 averaged over the lines around with the power spectrum of the window (Bendat and Piersol 2010, section 11.5). In time
 the impulse response is multiplied by the correlation of the window with itself, which for segments of duration T is 1
 at no lag and 0 from T on. Written as a sum of decaying oscillations, sum of c exp(-a t / T), it makes of H(s) the sum
@@ -119,7 +118,7 @@ class ComponentNoise:
 
     @property
     def factor(self) -> FloatArray | None:
-        """Rows of unit variance, then those of every error, (n_data + n_errors, n_data); None if they are too many to be formed."""
+        """Rows of unit variance, then those of every error, (n_data + n_errors, n_data); None if they are too many."""
         rows = error_rows(self.entries(), self.whitening)
         return None if rows is None else np.concatenate([np.eye(self.n_data), rows])
 

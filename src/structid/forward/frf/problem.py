@@ -1,4 +1,4 @@
-"""Frequency response functions as a least-squares problem, in several forms of the residual, with easier forms of it."""
+"""Frequency response functions as a least-squares problem, in several forms of the residual, with easier forms."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ class FrfProblem(RecordProblem):
 
     @property
     def smoothed(self) -> tuple[tuple[float, FrfRecord], ...]:
-        """Pairs of a level a and the FRFs at s = d + omega (a + i), with d the decay of the record; see `smoothed_records`.
+        """Pairs of a level a and the FRFs at s = d + omega (a + i), d the decay of the record; see `smoothed_records`.
 
         () where the model is not known beside the axis.
         """
@@ -222,7 +222,7 @@ class FrfProblem(RecordProblem):
 
     @property
     def has_component_errors(self) -> bool:
-        """True where errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
+        """True if errors of measured components enter the intervals: variances are stated, and data are FRFs."""
         return self.form != "equation" and any(component.variance is not None for component in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
@@ -310,7 +310,7 @@ class FrfProblem(RecordProblem):
         return self._observed_on(record).values(physical)
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """Whitened residual of the lines, real parts before imaginary parts, then prior rows, at `theta` (n_params,)."""
+        """Whitened residual of the lines, real parts before imaginary ones, then prior rows, at `theta` (n_params,)."""
         if self.form == "equation":
             return self.linearize(theta).residual
         return residual_with_priors(self.unknowns, theta, self.data_rows(self.predicted(theta)))
@@ -431,7 +431,7 @@ class FrfProblem(RecordProblem):
         return (partial(frequency_continuation, self), *schedules) if few else schedules
 
     def subsampled(self) -> FrfProblem | None:
-        """Problem on about 2000 of the lines, spread in the logarithm; None if these are more than a tenth of all lines."""
+        """Problem on about 2000 lines, spread in the logarithm; None if these are more than a tenth of all lines."""
         keep = thinned_lines(self.record.omega)
         return None if _WORTH_SUBSAMPLING * len(keep) > len(self.frequency) else self.with_lines(keep)
 

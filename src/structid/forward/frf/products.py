@@ -46,7 +46,7 @@ class Whitening:
         return Whitening(self.own * factor, None if self.other is None else self.other * np.conj(factor))
 
     def functional(self, u: ComplexArray) -> ComplexArray:
-        """Weights w of the shape of the response such that Re(conj(u) dr) = Re(w dh), for `u` of the shape of the residual."""
+        """Weights w, shaped as the response, with Re(conj(u) dr) = Re(w dh) for `u`, shaped as the residual r."""
         weights: ComplexArray = np.conj(u) * self.own
         return weights if self.other is None else weights + u * np.conj(self.other)
 

@@ -101,7 +101,7 @@ class Response:
     def solved_at(
         self, physical: FloatArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
-        """Motion (n, n_dofs, n_loads) under unit loads, at all columns by default, for stretches of lines one after another."""
+        """Motion (n, n_dofs, n_loads) under unit loads (all columns by default), one block of lines after another."""
         return self.solver.fields(physical, self._coefficients(physical), loads)
 
     def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
@@ -126,7 +126,7 @@ class Response:
         return gram
 
     def _coefficients(self, physical: FloatArray) -> ComplexArray:
-        """Coefficients of the matrices in the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
+        """Coefficients of the matrices in the dynamic stiffness, with balanced sliding amplitudes of `contacts`."""
         return self._sliding.at(physical)[0] if self.contacts else self.fixed_coefficients
 
     @cached_property
@@ -135,7 +135,7 @@ class Response:
 
 
 class ResponseCache:
-    """Cache of what responses in use share: sparsity patterns with their analyses, sparse solvers with their last fields.
+    """Cache of what responses in use share: sparsity patterns with their analyses, sparse solvers with their fields.
 
     Problems that are made from one another share one cache; its content goes to no other process.
 

@@ -70,7 +70,7 @@ class LineDerivatives(NamedTuple):
 
 
 class FrfSolver(Protocol):
-    """Solver of the equations of motion at the lines of a record, for coefficients (n_lines, n_matrices) of the matrices."""
+    """Solver of the equations of motion at the lines of a record, for coefficients (n_lines, n_matrices)."""
 
     @property
     def is_large(self) -> bool:
@@ -230,7 +230,7 @@ class SubstructureCoupling:
     def fields(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
-        """Yield the lines and the fields (n, n_dofs, n_loads) of the coupled structure, one block of lines after another.
+        """Yield lines and fields (n, n_dofs, n_loads) of the coupled structure, one block of lines after another.
 
         `loads` (n_dofs, n_loads) are all columns of the channels by default. `physical` (n_params,) are the parameters,
         `coefficients` (n_lines, n_matrices) the factors of the matrices in Z.
@@ -240,7 +240,7 @@ class SubstructureCoupling:
             yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
 
     def forces(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
-        """Forces between the model and what is joined, under all columns of the channels, (n_lines, n_joined, n_columns)."""
+        """Forces between the model and what is joined, under all channel columns, (n_lines, n_joined, n_columns)."""
         return np.concatenate(
             [push for _, _, push in self._fields_and_interface_forces(physical, coefficients, self.channels.columns)]
         )
@@ -338,7 +338,7 @@ class DenseSolver:
         return dense.solve_in_chunks(coefficients, np.arange(dense.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of sensors and contacts under the load columns at indices `columns`, (n_lines, n_sensors, n_columns).
+        """Readings of sensors and contacts under load columns at indices `columns`, (n_lines, n_sensors, n_columns).
 
         `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) the factors of the matrices in
         Z.
@@ -604,7 +604,7 @@ class SparseSolver:
 
     @staticmethod
     def _key(physical: FloatArray, coefficients: ComplexArray) -> bytes:
-        """Key of a sweep: parameters rounded to 14 digits, and Laplace variables (the column of `coefficients` for damping)."""
+        """Key of a sweep: parameters rounded to 14 digits, and s at each line (the column of damping coefficients)."""
         part, power = np.frexp(physical)
         return np.round(part, 14).tobytes() + power.tobytes() + coefficients[:, 1].tobytes()
 

@@ -11,5 +11,5 @@ if TYPE_CHECKING:
 
 
 def compares_modes(problem: object) -> TypeGuard[ModalProblem]:
-    """True for a problem that compares measured modes with those of a model; the test does not import `ModalProblem`."""
+    """True for a problem that compares measured modes with a model's; the test does not import `ModalProblem`."""
     return isinstance(problem, RecordProblem) and problem.compares_modes

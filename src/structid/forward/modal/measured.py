@@ -28,7 +28,7 @@ _DEPENDENT = 1e-9
 
 @dataclass(frozen=True)
 class ModalSettings:
-    """Quantities of measured modes that count in a fit, and their errors; see `ModalProblem` for the forms of the residual.
+    """Quantities of measured modes that count in a fit, and their errors; see `ModalProblem` for forms of the residual.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class MeasuredModes:
 
     @cached_property
     def shapes(self) -> FloatArray:
-        """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes); NaN: unknown."""
+        """Measured shapes turned as real as can be, largest entry of size 1, (n_channels, n_modes); NaN: unknown."""
         real = most_real(self.record.mode_shapes)
         return real / largest_entries(real, empty=1.0)
 

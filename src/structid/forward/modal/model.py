@@ -222,7 +222,7 @@ class MatrixSlopes:
         return sensitive_elements(self.structure, self.parameters)
 
     def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
-        """Derivatives of the weights of each group's members, by group and member: found once at each point, for all modes."""
+        """Derivatives of the weights of each group's members, by group and member: cached for one point."""
         return self._last.at(physical, self._weight_slopes_at)
 
     def _weight_slopes_at(self, physical: FloatArray) -> dict[_Member, Slope]:

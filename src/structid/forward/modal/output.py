@@ -1,4 +1,4 @@
-"""Modes of the model paired with measured ones and their differences, with finite derivatives at close modes: form ``output``."""
+"""Modes of the model paired with measured ones and their differences, with finite derivatives at close modes."""
 
 from __future__ import annotations
 

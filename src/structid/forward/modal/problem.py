@@ -258,7 +258,7 @@ def of_form(problem: ModalProblem, form: ModalForm) -> ModalProblem:
 
 
 def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
-    """Residual rows (n,) of shape values in the form ``output``, in standard deviations, at free variables `theta` (n_params,)."""
+    """Residual rows (n,) of shape values in the form ``output``, in standard deviations, at `theta` (n_params,)."""
     of = problem if problem.settings.form == "output" else of_form(problem, "output")
     return of.residual(theta)[: of.n_data][of.rows.series < 2 * len(problem.record.channels)]
 

@@ -137,7 +137,7 @@ class TimeEquations:
 
     @property
     def _places(self) -> IntArray:
-        """Parameter (n_rows,) of each row of the operator; -1, the last of one more, for right-hand sides and no parameter."""
+        """Parameter (n_rows,) of each row of the operator; -1, the last of one more, for right-hand sides and none."""
         columns = np.broadcast_to(self.columns, (self.n_dofs, self.side - 1))
         return np.concatenate([columns, np.full((self.n_dofs, 1), -1)], axis=1).ravel()
 

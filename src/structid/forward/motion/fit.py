@@ -1,4 +1,4 @@
-"""Identification from measured motion by one linear least-squares fit, and the `Estimate` of it with words on what is missing."""
+"""Identification from measured motion by one linear least-squares fit, and its `Estimate` with what is missing."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class WhitenedRows(Problem):
         return self._system is not None
 
     def solution(self) -> FloatArray | None:
-        """Instrumental-variables solution (n_params,), whose residual is orthogonal to all instruments; None if not unique."""
+        """Instrumental-variables solution (n_params,), residual orthogonal to all instruments; None if not unique."""
         return None if self._system is None else self.solve_for(self.right)
 
     def solve_for(self, right: FloatArray) -> FloatArray:
@@ -134,7 +134,7 @@ class FixedRows:
     instruments: FloatArray
 
     def influence(self, rows: WhitenedRows, values: FloatArray) -> FixedValueInfluence:
-        """Influence of the fixed values on the solution `values` (n_params,): K = -(Z'B)^-1 Z'B_h with the instruments Z."""
+        """Influence of the fixed values on the solution `values` (n_params,): K = -(Z'B)^-1 Z'B_h, instruments Z."""
         return self.fixed.influence_by(values, -rows.solve_for(self.fixed.columns), np.ones(len(values)))
 
     def refit(self, rows: WhitenedRows) -> FitWithinTolerances | None:

@@ -1,4 +1,4 @@
-"""Identification from time records: one entry, three estimators; output error is led from few samples to all of them."""
+"""Identification from time records: one entry, three estimators; output error goes from few samples to all of them."""
 
 from __future__ import annotations
 
@@ -351,7 +351,7 @@ def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -
 
 
 def _free(unknown: Parameters, values: FloatArray) -> FloatArray:
-    """Free variables (n_params,) of `values` (n_params,); of the start where these are out of range or not determined."""
+    """Free variables (n_params,) of `values` (n_params,); of the start where these are out of range or undetermined."""
     inside = (values > unknown.transforms.lower) & (values < unknown.transforms.upper)
     return unknown.transforms.free(np.where(inside, values, unknown.start))
 

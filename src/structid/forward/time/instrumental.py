@@ -302,7 +302,7 @@ def identified_by_instruments(
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """End of the iteration from one start; `rows`, made at `linearized_at`, is None where motion cannot be simulated there."""
+    """End of the iteration from one start; `rows`, made at `linearized_at`, is None if motion cannot be simulated."""
 
     values: FloatArray | None
     converged: bool

@@ -1,4 +1,4 @@
-"""Readings of a structure's sensors at the samples of a record, without discretization error, from forces held between samples."""
+"""Readings of a structure's sensors at the samples of a record, without discretization error, from held forces."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class TimeModel:
 
     @cached_property
     def load_columns(self) -> FloatArray:
-        """Columns (n_dofs, n_loads), on the degrees of freedom of `moving`, of the forces or support motions of each load."""
+        """Columns (n_dofs, n_loads), on degrees of freedom of `moving`, of the force or support motion of each load."""
         return np.asarray(self.moving.selection(self.loads).toarray(), dtype=np.float64)
 
     @cached_property
@@ -393,7 +393,7 @@ class LinearSystem:
 
 
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` where friction, loss factors or measured FRFs take part: they have no linear equation in time."""
+    """Raise `InputError` for friction, loss factors or measured FRFs, which have no linear equation in time."""
     structure.require_scaled_modes("histories")
     require_matrices_in_time(structure, unknown)
 
@@ -448,7 +448,7 @@ class InputHold:
         return isinstance(self.force, Oscillation)
 
     def times(self, n_times: int) -> FloatArray:
-        """Instants in s of the `n_times` samples, after the start where that precedes the first: (n_times,) or (n_times + 1,)."""
+        """Instants in s of the `n_times` samples, after the start if it precedes them: (n_times,) or (n_times + 1,)."""
         samples = self.start + self.gap + self.step * np.arange(n_times)
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 

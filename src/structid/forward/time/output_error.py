@@ -279,7 +279,7 @@ class OutputErrorProblem(RecordProblem):
 
     @property
     def facts(self) -> RecordFacts:
-        """Facts of the record: line spacing 1 / duration in Hz, number of channels, and whether its forces are measured."""
+        """Facts of the record: line spacing 1 / duration in Hz, number of channels, whether forces are measured."""
         spacing = np.full(len(self.frequency), 1 / (self.n_times * self.model.drive.step))
         measures_force = not self.model.bases
         return replace(

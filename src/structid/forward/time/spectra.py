@@ -460,7 +460,7 @@ def _forces(model: SpectraModel) -> FloatArray:
 
 
 def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
-    """Factor of the response far above all modes in H, errors of channels included, (n_frequencies, n_outputs, n_inputs).
+    """Factor of the response far above all modes in H, channel errors included, (n_frequencies, n_outputs, n_inputs).
 
     `read` (n_frequencies, n_outputs) and `stated` (n_frequencies, n_inputs) are the factors of sensors and of load
     cells.
