@@ -83,7 +83,8 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
 def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
     """Steady tones in the misfit of a record, as ``50.003 Hz``, sorted by frequency; the six largest at most.
 
-    A tone is a line that stands out, whose neighbours fall off as 1 / (f - f0)^2: four lines off the misfit is at most
+    A tone is a line whose misfit is 8 times the median of 21 lines about it (8 if that is below 1) and the largest of
+    the four lines to either side, and whose neighbours fall off as 1 / (f - f0)^2: four lines off the misfit is at most
     1/16. The two lines about a tone have amplitudes in inverse proportion to their distances from it, which gives its
     frequency. `residual` (n_data,) is the whitened residual of the problem.
     """

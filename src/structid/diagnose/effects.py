@@ -194,8 +194,9 @@ def effect_of_release(
 def channel_reading(receptances: Receptances, axis: int, index: int, motions: FloatArray) -> ComplexArray:
     """FRFs of one channel if it read the `motions` (n, n_dofs) instead, (n, n_lines, n_others).
 
-    Each row of `motions` weighs the free degrees of freedom. The channel is the output of `index`, from 0, for `axis` 1,
-    or the input for `axis` 2; n_others counts the channels of the other side.
+    They are in the kind of the record, with the errors of its channels. Each row of `motions` weighs the free degrees
+    of freedom. The channel is the output of `index`, from 0, for `axis` 1, or the input for `axis` 2; n_others counts
+    the channels of the other side.
     """
     under = receptances.under_loads if axis == 1 else receptances.under_sensors
     factor = np.broadcast_to(receptances.factor, receptances.frf.shape).take(index, axis)

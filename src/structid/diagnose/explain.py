@@ -376,8 +376,8 @@ def _diagnose_explained(
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
     """Sentence, in a tuple, on causes that were not tried for lack of time, and how to continue; empty if all were.
 
-    `explanation` is that of the search. Of a large model it says instead that only a few changes are fitted, or only
-    those of the records.
+    `explanation` is that of the search. Of a model of more than 1200 degrees of freedom it says instead that only a few
+    changes are fitted, or only those of the records.
     """
     modified = explanation.base.modified
     if modified.is_large:

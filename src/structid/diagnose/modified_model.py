@@ -293,9 +293,9 @@ class ModifiedModel:
         return replace(self, problems=fewer) if is_thinned else self
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """Model with one more change, `candidate` with its `strength`; of small models the last 64 are cached.
+        """Model with one more change, `candidate` with its `strength`; the last 64 are cached.
 
-        The effort of a change is counted in any case.
+        Only those of models up to 64 degrees of freedom are. The effort of a change is counted in any case.
 
         Raises
         ------
@@ -429,10 +429,10 @@ class ModifiedModel:
         return point_at(problems, theta, silent, most_lines, self._free_fixed_values)
 
     def _free_fixed_values(self, problems: Sequence[FrfProblem]) -> tuple[RecordProblem, ...]:
-        """FRF problems of all records with the fixed values of their models among the unknowns; empty for large models.
+        """FRF problems of all records with the fixed values of their models among the unknowns.
 
-        `problems` has one FRF problem for each record. The gain that all channels of a record share is kept only where
-        the record is one of FRFs or histories.
+        Empty for models of more than 1200 degrees of freedom. `problems` has one FRF problem for each record. The gain
+        that all channels of a record share is kept only where the record is one of FRFs or histories.
         """
         if self.is_large:
             return ()

@@ -417,7 +417,8 @@ class Receptances:
 def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LINES) -> Receptances:
     """Receptances of an FRF problem at free variables, on as many of its lines as time and memory allow.
 
-    Of more than `most_lines` lines, or fewer for large models (40 at least), as many are evenly chosen.
+    Of more than `most_lines` lines as many are evenly chosen: 2e7 / min(n, 600)^2 of a model of n degrees of freedom if
+    that is less, but at least 40.
 
     Parameters
     ----------

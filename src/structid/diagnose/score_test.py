@@ -258,7 +258,10 @@ class Point:
         return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
 
     def _key(self, candidate: Candidate) -> _Key:
-        """A hashable key that is equal for candidates with equal effects, such as masses at nodes of one rigid part."""
+        """A hashable key, equal for candidates with equal effects, such as masses at nodes of one rigid part.
+
+        A candidate that does not say what its effect depends on (`alike_by`) has a key of its own.
+        """
         alike = candidate.alike_by()
         if alike is None:
             return (id(candidate),)

@@ -148,7 +148,8 @@ def misfit_after_step(augmented: FloatArray, n_params: int, n_directions: int) -
 def linearize_fit(fitted: FittedModel) -> LinearizedFit:
     """Fit on fewer lines, linearized at its free variables once for all changes that are compared with it.
 
-    Fixed values are free within their tolerances, in large models exact. The effort is counted. `fitted` is that fit.
+    Fixed values are free within their tolerances; exact in models of more than 1200 degrees of freedom. The effort is
+    counted. `fitted` is that fit.
     """
     modified, target = fitted.modified, fitted.modified.coarse.target
     METER.add(iteration_effort(target))
@@ -266,8 +267,8 @@ def screening_points(base: FittedModel) -> list[Point]:
 
     The quick fits to data smoothed at three levels come first, each at its own answer, then the quick fit to the
     measured lines, and last `base`. Where a quick fit ends at its limit, the later ones are left out, and the measured
-    lines are taken at the last answer. Records of modes have no smoothed data. For a large model nothing is fitted:
-    there are two problems, at the start of the parameters and at `base`.
+    lines are taken at the last answer. Records of modes have no smoothed data. For a model of more than 1200 degrees of
+    freedom nothing is fitted: there are two problems, at the start of the parameters and at `base`.
     """
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs

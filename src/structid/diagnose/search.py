@@ -693,9 +693,9 @@ def _begun(
 def _of_large_model(base: FittedModel, work: TaskExecutor, budget: SearchBudget) -> Explanation:
     """Explanation of the misfit of a large model by at most four refitted changes, without second causes.
 
-    They are outlying lines, then the best screened changes at the start and at the fit in turn: where a fit bends all
-    values to a fault, linear steps from it see what it was bent to, and those from the start see the fault. `base` is
-    its fit; `work` and `budget` run and limit screening and fits.
+    Large are more than 1200 degrees of freedom. The changes are outlying lines, then the best screened changes at the
+    start and at the fit in turn: where a fit bends all values to a fault, linear steps from it see what it was bent to,
+    and those from the start see the fault. `base` is its fit; `work` and `budget` run and limit screening and fits.
     """
     clock = SearchBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.portion(SCREENING_TIME))

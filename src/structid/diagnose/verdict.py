@@ -249,7 +249,7 @@ def fits_noise(identification: Identification) -> bool:
     """True if the residual is what the noise leaves: of the right size, in whole and in parts, and without order.
 
     False if a record is missed or a fixed value is beyond its tolerance. Without residual tests the covariance basis
-    decides.
+    decides: True if it is the noise.
     """
     fixed = identification.estimate.fixed
     if identification.missed or (fixed is not None and fixed.beyond):
@@ -805,10 +805,11 @@ def not_found(identification: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(identification: Identification) -> str:
-    """Clause on the misfit: the missed resonance, the fixed value that is off, or how the misfit compares with noise.
+    """Clause on the misfit: the missed part of the data, the fixed value that is off, or a comparison with noise.
 
-    The first that applies is stated; the fixed value only where the misfit is below 1.1 times the noise. The comparison
-    is the ratio of the two, except where the misfit is like noise in size.
+    The first that applies is stated: a missed record or kind of values if it is far off or the whole fits the noise;
+    the fixed value that is farthest off in tolerances only where the misfit (root of chi-square per degree of freedom)
+    is below 1.1. The comparison is this root, in times the noise, except where the misfit is like noise in size.
     """
     if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
         return identification.missed[0].words

@@ -281,11 +281,11 @@ def _followed_shift(
 ) -> FloatArray | None:
     """Shift (n_params,) of the minimum to that of the `finer` problem by Gauss-Newton steps.
 
-    Its sum of squares has the data of `finer` and the priors of the coarser problem. None if a step does not lower it
-    or goes too far, the model cannot be evaluated, or the steps do not end. The last, small step is taken unseen.
-    `linearization` is that of the coarser problem at its minimum `theta`, whose rows of priors are kept. `columns` are
-    the positions in `theta` of the parameters of `finer`, and `deviations_per_theta` times a shift is a number of
-    deviations.
+    Its sum of squares has the data of `finer` and the priors of the coarser problem. None if a step does not lower it,
+    the shift exceeds two sizes of a parameter, the model cannot be evaluated, or four steps do not end it. The last,
+    small step is taken unseen. `linearization` is that of the coarser problem at its minimum `theta`, whose rows of
+    priors are kept. `columns` are the positions in `theta` of the parameters of `finer`, and `deviations_per_theta`
+    times a shift is a number of deviations.
     """
     total, lowest = np.zeros(len(theta)), np.inf
     sizes, slope = finer.unknowns.sizes(finer.physical(theta[columns])), finer.slope(theta[columns])

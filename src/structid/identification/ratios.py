@@ -115,7 +115,8 @@ def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float 
 
     The data do not see it if a common relative change, scaled to unit length over these parameters, changes the
     whitened data by no more than `noise_scale`. `jacobian` (n_data, n_params) is the whitened derivative by relative
-    changes, `kinds` are those of the parameters. None also without a mass or a stiffness among them.
+    changes, `kinds` are those of the parameters. None also without a mass or rotary inertia, or without a stiffness or
+    axial force, among them.
     """
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}

@@ -69,7 +69,8 @@ def coloured_noise(
     Raises
     ------
     InputError
-        If the highest frequency exceeds half the sampling rate, or the record is too short or too long.
+        If the highest frequency exceeds half the sampling rate, the record has not from 2 to 10 million samples, or the
+        arrays differ in length.
     """
     require_shape("density", np.asarray(density), (len(frequency),), "one value a line")
     if frequency[-1] > sampling_rate / 2:

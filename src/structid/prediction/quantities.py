@@ -146,8 +146,8 @@ class Frf:
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """FRFs (n_frequencies, n_outputs, n_inputs) as a function of physical parameters (n_params,).
 
-        They are solved line by line for small models, by poles for others. `points` are parameter values (n_params,) for which
-        a reduction must serve, the identified ones first.
+        They are solved line by line up to 64 degrees of freedom and with dry friction, else by poles. `points` are
+        parameter values (n_params,) for which a reduction must serve, the identified ones first.
 
         Raises
         ------

@@ -45,8 +45,9 @@ class Mass(Candidate):
         """Candidate masses at nodes that translate, common to all records and, if there are several, in each alone.
 
         Nodes are those of `chosen_nodes` (up to 60, and those of channels) by the first record or by that record;
-        records of models too large for it (`has_places`) have none alone. Strengths are masses, kg, of either sign.
-        `records` are the receptances of each record, `record_names` their names.
+        records of models of more than 3000 degrees of freedom (1200 with components or driving supports) have none
+        alone. Strengths are masses, kg, of either sign. `records` are the receptances of each record, `record_names`
+        their names.
         """
         yield from cls._at_nodes(records[0])
         for number, receptances in enumerate(records if len(record_names) > 1 else ()):

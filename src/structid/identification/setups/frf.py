@@ -216,7 +216,7 @@ def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptio
     """Largest error, a part of the largest FRF of a line, of a sweep by few factorizations; None if all are solved.
 
     The error that the options state holds; 0 there means None. By default it is 1e-5 for 1000 degrees of freedom or
-    more and enough lines, None for less. None too with measured components.
+    more and 20 lines or more, None for less. None too with measured components.
     """
     if structure.measured:
         return None

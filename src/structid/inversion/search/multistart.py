@@ -148,9 +148,10 @@ def searched_minima(
     The first search takes the first continuation path from the given start. While no minimum fits, restarts take the
     other paths in turn, then random points. `uniqueness_starts` more take the first path from random points in any
     case, or the larger of these and `doubt_starts` where an answer that fits is doubtful. Where there are restarts, a
-    search that clearly misses the noise and hardly gains any more is stopped, and completed only if its end is nearly
-    the best; an easier form is left where it hardly gains any more, and searched to its end where no minimum fits.
-    Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
+    search far above the noise (a sum of squares of 4 n_data + 30) that hardly gains any more is stopped, and completed
+    only if its end is nearly the best; an easier form is left where it hardly gains any more, and searched to its end
+    where no minimum fits. Where `work` has several workers, restarts run ahead of the verdict on those before them; the
+    answer is the same.
 
     Parameters
     ----------

@@ -171,11 +171,12 @@ def likeliest_frequency(
 ) -> ChosenForces | None:
     """Forces of a spectrum of first order about the likeliest frequency; None where the frequency is not worth a parameter.
 
-    The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency, with the
-    likeliest of a few correlation times. Searches with and without a frequency have a correlation time and a size; the
-    frequency is one parameter more, which must raise the greatest likelihood by enough: Schwarz (1978), Annals of Statistics
-    6, 461-464. None also for too few samples, and where the likeliest forces would move the sensors by far more than the
-    record: such forces hide any model error. `reduced` is the structure on its modes, `chosen` the forces without a frequency.
+    The search starts at the largest line of the `forces` (n_times, n_forces) that were sensed without a frequency, with
+    the likeliest of a few correlation times. Searches with and without a frequency have a correlation time and a size;
+    the frequency is one parameter more, which must raise the greatest log-likelihood by half the logarithm of n_times:
+    Schwarz (1978), Annals of Statistics 6, 461-464. None also below 16 samples, and where the likeliest forces would
+    move the sensors by far more than the record: such forces hide any model error. `reduced` is the structure on its
+    modes, `chosen` the forces without a frequency.
     """
     count, rate = len(forces), setup.rate
     if count < _FEWEST:
