@@ -121,7 +121,10 @@ def comparison_page(result: ComparisonResult) -> Page:
 
 
 def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
-    """Figures of a comparison by name: "changes", and "map" if one of the two states has a structure to draw."""
+    """Figures of a comparison by name: "changes", and "map" if one of the two states has a structure to draw.
+
+    The later state's structure is drawn if it has one, else the baseline's.
+    """
     figures = {"changes": changes_figure(result.comparison)}
     drawn = result.later.drawn or result.baseline.drawn
     if drawn is not None:

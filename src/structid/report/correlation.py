@@ -449,10 +449,10 @@ def frac_figure(correlations: Sequence[ResponsesCorrelation], model_names: Seque
 
 
 def fdac_figure(correlations: Sequence[ResponsesCorrelation], model_names: Sequence[str]) -> plot.Figure | None:
-    """Matrix figure of the FDAC, a panel for each load and model; None if it was not computed, as for a single output.
+    """Matrix figure of the FDAC, measured lines (rows) against model lines, a panel for each load and model.
 
-    Only the first two loads are drawn. `correlations` holds one correlation for each model, `model_names` the models'
-    names.
+    None if it was not computed, as for a single output. Only the first two loads are drawn. `correlations` holds one
+    correlation for each model, `model_names` the models' names.
     """
     if any(correlation.fdac is None for correlation in correlations):
         return None

@@ -175,8 +175,8 @@ def _pairs(first: int, count: int) -> str:
 def _beams(name: str, nodes: str, mass: float, bending: float, loss_factor: float, length: float | None = None) -> str:
     """Text of the ``[[structure.beam]]`` table of the set `name`; with a `length` in m it has an axial stiffness too.
 
-    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` the stiffness in N m^2, `loss_factor` that of the
-    stiffness.
+    `nodes` is the text of the pairs of nodes, `mass` in kg/m, `bending` the stiffness in N m^2, `loss_factor` that of
+    the stiffness. The axial stiffness (N) is that of a section of usual slenderness at this length.
     """
     axial = ""
     if length is not None:

@@ -78,7 +78,9 @@ class OpenFolder:
         Raises
         ------
         OutsideError
-            If `name` is empty or absolute, contains "..", or leads out of the folder through a link.
+            If `name` is empty, absolute or the folder itself, contains "..", a backslash, a colon or a null character,
+            or
+            leads out of the folder through a link.
         """
         parts = PurePosixPath(name).parts
         if not name or "\0" in name or "\\" in name or name.startswith("/") or ".." in parts or ":" in name:

@@ -268,7 +268,10 @@ def _of_study(name: str, **numbers: int) -> Handler:
     """
 
     async def asked(bench: Workbench, request: Request) -> Response:
-        """Answer of the worker function `name` for the study and the numbers in the query."""
+        """Answer of the worker function `name` for the ``study`` and the `numbers` in the query.
+
+        It is cached until a file in the folder that holds the study changes.
+        """
         study = request.query_params["study"]
         own = {key: int(request.query_params.get(key, default)) for key, default in numbers.items()}
         arguments: dict[str, Any] = {"study": study, **own}
@@ -580,7 +583,10 @@ def _of_results(name: str) -> Handler:
     """
 
     async def asked(bench: Workbench, request: Request) -> Response:
-        """Answer of the worker function `name` for the results folder in the query."""
+        """Answer of the worker function `name` for the folder ``results`` in the query.
+
+        It is cached until estimate.h5 or a file beside the folder changes; not without an estimate.h5.
+        """
         results = request.query_params["results"]
         path = bench.opened.inside(f"{results}/estimate.h5")
         version = f"{bench.version(results)} {path.stat().st_mtime_ns}" if path.is_file() else ""

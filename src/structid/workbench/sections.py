@@ -58,7 +58,7 @@ def circle(diameter: float) -> CrossSection:
 
 
 def tube(diameter: float, wall: float) -> CrossSection:
-    """Section properties of a round tube with outer `diameter` and `wall` thickness in m.
+    """Area (m^2), second moments and torsion constant (m^4) of a round tube with outer `diameter` and `wall` in m.
 
     Raises
     ------

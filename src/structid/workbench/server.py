@@ -120,7 +120,11 @@ def _with_json_errors(handler: Handler) -> Callable[[Request], Awaitable[Respons
     """
 
     async def handled(request: Request) -> Response:
-        """Response of the handler, or an error as JSON with its HTTP status."""
+        """Response of `handler` for the workbench in the request's scope, or its error as JSON ``{"error": message}``.
+
+        The HTTP status is 409 for a changed file, 403 for a path outside the folder, 422 for other errors of structid,
+        400 for a wrong request, 507 for a full disk and 500 for other errors of the system.
+        """
         bench: Workbench = request.scope["opened"]
         try:
             return await handler(bench, request)

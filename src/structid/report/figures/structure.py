@@ -209,7 +209,8 @@ def _changes(answer: IdentifiedParameters, kinds: tuple[str, ...]) -> Changes:
 def _merge_changes(first: Change | None, second: Change) -> Change:
     """Combined change of one element: the larger of both by magnitude, significant ones before others, with both texts.
 
-    The texts are on two lines. Identified only if both are; `second` if `first` is None.
+    The first counts if they are equal. The texts are on two lines. Identified only if both are; `second` if `first` is
+    None.
     """
     if first is None:
         return second

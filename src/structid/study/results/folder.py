@@ -235,8 +235,8 @@ def _alternatives(sets: Alternatives | None) -> dict[str, StoredEntry]:
     """Dictionary with the entry ``alternatives``: sets of parameter values that fit the data equally well, and texts.
 
     It is empty for `sets` None. Each set has its values by parameter name, the sum of squares, and the number of
-    searches that ended there; ``exhaustive`` says if all sets were found. ``deciding`` is the measurement that would
-    decide between the sets; None if none is known.
+    searches that ended there; ``exhaustive`` is True if searches were made until no more sets are to be expected.
+    ``deciding`` is the measurement that would decide between the sets; None if none is known.
     """
     if sets is None:
         return {}

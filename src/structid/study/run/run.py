@@ -204,12 +204,12 @@ def _begun_anew(
 def _identified_in_halves(
     ready: PreparedStudy, drawn: Goodness, mesh: MeshPieces, progress: StageProgress | None, work: TaskExecutor
 ) -> StudyResult | None:
-    """The result with elements of two pieces, if the record fits the elements as drawn alone.
+    """The result with elements of two pieces, if the record fits the elements as drawn but does not fit their halves.
 
-    None if it does not, if `drawn`, the fit with elements as drawn, is not that of a right model, or if the search
-    fails. The search starts at the minimum of `mesh`. Halves have a sixteenth of the error, so that more pieces, which
-    take many times as long, fit no better. The fit alone counts, so there are no further starts, and intervals are those
-    of Laplace.
+    None if it fits halves too, if `drawn`, the fit with elements as drawn, is not that of a right model, or if the
+    search fails. The search starts at the minimum of `mesh`. Halves have a sixteenth of the error, so that more pieces,
+    which take many times as long, fit no better. The fit alone counts, so there are no further starts, and intervals
+    are those of Laplace.
     """
     if not _is_right(drawn):
         return None

@@ -495,7 +495,10 @@ def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> D
 
 
 def _read_fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> list[Dof]:
-    """Degrees of freedom of the texts in `fixed` (such as "1" or "2 Z RX"), after a check that their nodes exist."""
+    """Degrees of freedom of the texts in `fixed`, such as "1" (all directions of node 1) or "2 Z RX", in their order.
+
+    `StudyError` if a text cannot be read, or its node is not in `nodes`.
+    """
     dofs = []
     for text in as_list(texts):
         with section.located("fixed"):
