@@ -69,7 +69,7 @@ def _checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
 
 
 def _as_whole_numbers(name: str, numbers: np.ndarray) -> NDArray[np.int64]:
-    """Copy of `numbers` as int64, (n,); raises `ValueError`, which calls them `name`, unless all are whole."""
+    """Copy of `numbers` as int64, flattened, (n,); `ValueError`, which calls them `name`, unless all are whole."""
     array = np.asarray(numbers).ravel()
     if array.dtype.kind not in "iu" and not (abs(array) < 2**53).all():
         raise ValueError(f"its {name} must be whole numbers")

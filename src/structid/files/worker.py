@@ -78,7 +78,8 @@ def hdf5_shapes(path: str) -> dict[str, StoredEntry]:
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
         """Add [shape, type, position] of the dataset `item` to `entries` by its `name`.
 
-        Groups and datasets without a shape are passed over.
+        The position is the byte where values begin, None if they lie in no one piece. Groups and datasets without a
+        shape are passed over.
         """
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)

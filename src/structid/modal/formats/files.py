@@ -220,9 +220,10 @@ def _read_json(path: Path) -> ModalRecord:
 
 
 def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
-    """Numbers under `key` of `data` as an array with `n_axes` axes, null read as NaN; `FileError` if they are none.
+    """Numbers under `key` of `data` as an array with `n_axes` axes, null read as NaN.
 
-    `prefix` completes the key in errors.
+    An empty list gets the missing axes, of length 0. `FileError` if the key is missing, or holds other things than
+    numbers, rows of several lengths or another number of axes. `prefix` completes the key in errors.
     """
     try:
         array = np.array(data.get(key), dtype=float)

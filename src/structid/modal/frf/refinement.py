@@ -244,7 +244,7 @@ class PolesAndParticipation:
         return np.concatenate([np.abs(self.poles), np.abs(self.poles), entries, entries])[self.free]
 
     def moved(self, step: FloatArray) -> PolesAndParticipation:
-        """Copy with `step` (n_unknowns,) added to the free ones of Re and Im of poles, then of participation."""
+        """Copy with `step` (n_unknowns,) added to the free unknowns: Re and Im of poles, then of participation."""
         n_inputs, n = self.participation.shape
         whole = np.zeros(2 * n + 2 * n_inputs * n)
         whole[self.free] = step
@@ -504,7 +504,10 @@ def correlation_excess(residuals: ComplexArray) -> FloatArray:
 
 
 def _inverse(normal: FloatArray) -> FloatArray:
-    """Inverse of the symmetric matrix `normal` after scaling to a unit diagonal; NaN throughout where it is singular."""
+    """Inverse of the symmetric matrix `normal` after scaling to a unit diagonal; NaN throughout where it is singular.
+
+    It counts as singular if its least eigenvalue after scaling is below 1e-14; one without rows is its own inverse.
+    """
     size = np.sqrt(np.diag(normal))
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = normal / np.outer(size, size)

@@ -197,7 +197,7 @@ def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_o
 
 
 def _two_means_boundary(values: FloatArray) -> float:
-    """Boundary between two groups of `values` by one-dimensional 2-means: the middle of both means.
+    """Boundary between two groups of `values` by one-dimensional 2-means: halfway between the two means.
 
     It is the maximum if all are equal, and -inf if there are none.
     """

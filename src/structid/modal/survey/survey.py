@@ -348,7 +348,10 @@ def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
 
 
 def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
-    """Raise `InputError` if `band` or `frequencies` of `options` reach half the sampling rate that will be used."""
+    """Raise `InputError` if `band` or `frequencies` of `options` reach half the sampling rate that will be used.
+
+    That is the rate of `record`, or `options.rate` if it is lower.
+    """
     highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=0.0)
     rate = record.sampling_rate if options.rate is None else min(options.rate, record.sampling_rate)
     if highest >= rate / 2:

@@ -45,7 +45,7 @@ class Geometry:
         return "The file of the geometry says no unit of length (dataset 164): its numbers count as m."
 
     def __post_init__(self) -> None:
-        """Raise `InputError` if a line joins a node without a position."""
+        """Raise `InputError` if a line joins a node without a position; 0, which lifts the pen, needs none."""
         for line in self.lines:
             unknown = [node for node in line if node != 0 and node not in self.nodes]
             if unknown:

@@ -169,8 +169,8 @@ def _scale_of_times(path: Path, channel: Channel, options: ReadOptions) -> float
 def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
     """Sampling rate in Hz and first time in s from a channel of times.
 
-    `FileError` unless these are even and increase; `InputError` if the option `sampling_rate` differs, whose digits are
-    taken where it agrees.
+    `FileError` unless these times are even and increase; `InputError` if `options.sampling_rate` differs from their
+    rate; where it agrees, it is returned, since it has more digits.
     """
     time = channel.values * _scale_of_times(path, channel, options)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)

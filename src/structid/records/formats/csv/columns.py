@@ -601,8 +601,8 @@ def _output_first(heads: list[_ColumnHeader], options: ReadOptions) -> list[_Col
 def _require_headers_agree(table: Table, assumed: Sequence[_ColumnHeader]) -> None:
     """Raise `FileError` if a header states another part, sensor or load than the position of its column implies.
 
-    `assumed` are the heads by position, one for each column after the frequencies. A header that names no degree of freedom
-    may stand for any, but for one alone.
+    `assumed` are the headers by position, one for each column of `table` after the frequencies. A name in a header that
+    is no degree of freedom may stand for any one, but for the same one throughout.
     """
     meant: dict[tuple[str, str], str] = {}
     for j, head in enumerate(assumed, start=1):

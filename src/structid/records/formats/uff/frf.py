@@ -120,9 +120,9 @@ def read_frfs(
 
 
 def _unit_words(functions: Sequence[Dataset58], options: ReadOptions) -> str:
-    """Note on the unit of the FRFs, by the option `unit` or by labels that are not SI; "" if all labels are SI.
+    """Note on the unit of the FRFs: that of `options.unit`, and labels that differ, or else labels that are not SI.
 
-    `functions` are the FRFs that were read.
+    It is "" if the option is not set and all labels are SI. `functions` are the FRFs that were read.
     """
     labels = {(f.ordinate.label, f.denominator.label) for f in functions}
     if options.unit:

@@ -134,9 +134,9 @@ def _require_distinct(
 
 
 def _unit_words(times: Sequence[Dataset58], options: ReadOptions) -> str:
-    """Note on the units of the channels, by the option `units` or by labels that are not SI; "" if all labels are SI.
+    """Note on the units of the channels: those of `options.units`, and labels that differ, or else labels not in SI.
 
-    `times` are the functions that were read.
+    It is "" if the option is not set and all labels are SI. `times` are the functions that were read.
     """
     labels = dict.fromkeys(function.ordinate.label for function in times)
     if options.units:

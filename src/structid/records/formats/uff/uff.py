@@ -100,7 +100,11 @@ def _name(kind: int) -> str:
 
 
 def _choose_functions(path: Path, functions: list[Dataset58], options: ReadOptions) -> list[Dataset58]:
-    """Functions that the option `columns` chooses from `functions` by number or name such as ``12Z+``, in its order; else all."""
+    """Those of `functions` that `options.columns` chooses by number or name such as ``12Z+``, in its order; else all.
+
+    A number counts the functions of the file from 1. `InputError` if there is no such function, or several have the
+    name.
+    """
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
