@@ -134,7 +134,10 @@ class Run:
         }
 
     def _last(self) -> dict[str, Any]:
-        """Last progress record of the run as ``words``, ``done``, ``total`` and ``time``; {} if there is none yet."""
+        """Last progress record of the run: ``words`` and, as far as they are numbers, ``done``, ``total`` and ``time``.
+
+        {} if there is none yet.
+        """
         lines = _tail(self.folder / "progress.jsonl", _MOST_TOLD).splitlines()
         for line in reversed(lines):
             entry = parse_json(line)
