@@ -86,10 +86,11 @@ class Workbench:
     watcher: Watcher
 
     def version(self, study: str) -> str:
-        """Digest of names, modification times and sizes of the files in the folder of `study`; "" if it is missing.
+        """Digest of names, modification times and sizes of the files that stand with `study`; "" if `study` is missing.
 
-        It changes whenever one of these files (10 000 at most) does, and so serves as a cache key. `study` is the path
-        of a file or folder in the open folder; `OutsideError` if it leads out of that.
+        These are the files of the folder that holds it, 10 000 at most. The digest changes whenever one of them does,
+        and so serves as a cache key. `study` is the path of a file or folder in the open folder; `OutsideError` if it
+        leads out of that.
         """
         path = self.opened.inside(study)
         stamps = []
