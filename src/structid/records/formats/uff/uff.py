@@ -100,10 +100,10 @@ def _name(kind: int) -> str:
 
 
 def _choose_functions(path: Path, functions: list[Dataset58], options: ReadOptions) -> list[Dataset58]:
-    """Those of `functions` that `options.columns` chooses by number or name such as ``12Z+``, in its order; else all.
+    """Functions that `options.columns` chooses from `functions` by number or name, such as ``12Z+``; all if not set.
 
-    A number counts the functions of the file from 1. `InputError` if there is no such function, or several have the
-    name.
+    They are in the order of the option. A number counts the functions of the file from 1. `InputError` if there is no
+    such function, or several have the name.
     """
     if not options.columns:
         return functions
