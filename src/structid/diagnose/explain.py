@@ -172,7 +172,7 @@ def widened(identification: Identification, likely: Sequence[FittedModel], direc
     ----------
     identification : Identification
     likely : sequence of FittedModel
-        Fits of the likely changed models; without any the identification is returned as it is.
+        Fits of the likely changed models; without any, or a target problem, the identification is returned as it is.
     direction : str, optional
         Direction of the translation for which the total mass is computed, such as ``X``.
 

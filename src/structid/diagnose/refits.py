@@ -161,8 +161,8 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, chi_square: float, lef
     """`FittedModel` at free variables `theta` (n_params,), with a tolerance test if its misfit is beyond noise.
 
     `chi_square` is its sum of squares, in which `left_out`, the misfit of data that it leaves out, is included. The
-    test fits once more with fixed values free within their tolerances, first on fewer lines. Large models, and those
-    without fixed values, have none. `modified` is the fitted model.
+    test fits once more with fixed values free within their tolerances, first on fewer lines. Models of more than 1200
+    degrees of freedom, and those without fixed values, have none. `modified` is the fitted model.
     """
     fitted = FittedModel(modified, theta, chi_square, left_out)
     fixed_values = modified.fixed_values
@@ -448,7 +448,8 @@ def _residual_of_all_data(
 def _misfit_left_out(base: FittedModel, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
     """Misfit of the data that the last change leaves out, with errors larger by the likeliest factor.
 
-    0 if it leaves none out. `theta` holds the free variables of the changed model `modified`. With `is_near` the misfit
+    With the sum of squares S of n whitened residuals it is n (1 + ln(S / n)), or S if that is at most n. 0 if the
+    change leaves none out. `theta` holds the free variables of the changed model `modified`. With `is_near` the misfit
     is that of the quick fit's problems. `base` is the fit before the change.
     """
     candidate = modified.changes[-1].candidate

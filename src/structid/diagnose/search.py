@@ -170,8 +170,8 @@ def _of_two(
     """Explanation by a pair of changes that leaves only noise, where each alone brings little; else `explanation`.
 
     Candidates for the first change are those in `explanation.begun`, except those at the positions of `tried`: a fit of
-    one of two faults to all data is bent towards the other. Where the model has more than `PAIR_DOFS` degrees of
-    freedom or the budget is used up, `is_single` is set. `work` and `budget` run and limit the fits.
+    one of two faults to all data is bent towards the other. Where the model has more than 200 degrees of freedom or the
+    budget is used up, `is_single` is set. `work` and `budget` run and limit the fits.
     """
     n_dofs = max(setup.structure.n_dofs for setup in explanation.base.modified.setups)
     if not budget.allows(explanation.spent) or n_dofs > PAIR_DOFS:

@@ -174,7 +174,7 @@ Part = tuple[str, Problem]
 
 
 def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tuple[Part, Part]]:
-    """Pairs of parts of the data, each part a name and a problem: lines below and above the median, and two sets of sensors.
+    """Pairs of parts of the data, each a name and a problem: lines up to the median and above it, two sets of sensors.
 
     The latter are the sensors of even and of odd index of the FRFs, with `by_sensors` only. Pairs of lines need 16 in
     each half of every record. No pair without problems.

@@ -28,9 +28,9 @@ class Tone(Candidate):
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
         """A candidate for each record of histories fitted as spectra whose misfit shows steady tones: all of them.
 
-        A tone is a line whose misfit stands out and falls off to both sides as that of a sine (see `tones`). `problems`
-        has one problem for each record; `residual` (n_rows,) are the whitened data rows of all of them, one after
-        another.
+        A tone is a line whose misfit is over 8 times that of the lines about it and falls to 1/16 four lines off, as
+        that of a sine (see `tones`). `problems` has one problem for each record; `residual` (n_rows,) are the whitened
+        data rows of all of them, one after another.
         """
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             heard = tones(problem, own) if compares_spectra(problem) else ()

@@ -509,9 +509,10 @@ def mesh_errors(
 def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
     """Mesh errors of a set-up's structure in the band of its record, or a text that says why they cannot be computed.
 
-    They are evaluated at the free variables `theta`, (n_params,), by default at the initial values of the parameters.
-    For a record of modes the band is 15 % wider at both ends, since the initial model may miss the measured modes by
-    that.
+    The text is "" for a structure without a mesh. Errors are those at the free variables `theta`, (n_params,), by
+    default at the initial values of the parameters. For a record of modes the band is 15 % wider at both ends, since
+    the initial model may miss the measured modes by that, and an error may be as large as the least relative standard
+    deviation of the measured frequencies.
     """
     low, high = float(problem.frequency.min()), float(problem.frequency.max())
     values = setup.parameters.values(

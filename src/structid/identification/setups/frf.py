@@ -191,10 +191,11 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
 def _missing_floor(
     record: FrfRecord, used: FrfRecord, options: IdentifyOptions, model_error: float, is_assumed: bool
 ) -> FloatArray:
-    """`missing_floor` of `record` in the band of the lines `used`, (n_outputs, n_inputs), computed once for each band.
+    """Noise floor of each FRF that the stated noise omits, (n_outputs, n_inputs), in the record's unit; 0 where none.
 
-    Zeros for the residual ``equation`` of the `options`, which reads no variance.
-    `model_error` is the part of each magnitude that counts as noise, and `is_assumed` says that nobody stated it.
+    It is that of `missing_floor` for `record` in the band of the lines `used`, computed once for each band. Zeros for
+    the residual ``equation`` of the `options`, which reads no variance. `model_error` is the part of each magnitude
+    that counts as noise, and `is_assumed` says that nobody stated it.
     """
     if options.residual == "equation":
         return np.zeros(record.values.shape[1:])

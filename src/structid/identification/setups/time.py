@@ -495,10 +495,11 @@ def _hit(record: TimeRecord) -> _Hit | None:
 def _frfs_of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
     """FRFs from a single hit: spectra of the motions at `sensors` over that of the force.
 
-    Variances come from declared noise. Where the motion has not died out at the end, all channels are weighted by
-    exp(-decay t) first, and the FRFs are those at s = decay + i omega. They go from the lowest line that the hit
-    excites to its first wide gap. Without declared noise there are no variances. None is returned if the hit excites no
-    line above its noise.
+    Variances come from declared noise. Where the motion has not died out at the end (rms of the last twentieth above
+    0.003 of that of the whole at any sensor), all channels are weighted by exp(-decay t) first, and the FRFs are those
+    at s = decay + i omega. They go from the lowest line that the hit excites to the first gap of more than 16 lines. A
+    line is excited if the power of the force is above 1e-4 of its largest and 8 times its noise; None if there is none.
+    Without declared noise there are no variances.
     """
     values = np.array(record.values[hit.first :])
     count, rate = len(values), record.sampling_rate

@@ -347,9 +347,9 @@ def _factor_by_products(r, q, rows):
     """Replace the triangle `r` of `q` columns by the Cholesky factor of the products of `rows`; False if inaccurate.
 
     In that case `r` is unchanged. `rows` include the old triangle. Products cost half as much as reflections but square
-    the condition: they count only if the sum of squares of the inverse triangle with unit columns is at most `WEAKEST`
-    per column. Where less than `SMALL` of the square of the right-hand side is left, its residual is formed and summed,
-    which overwrites it in `rows`.
+    the condition: they count only if the sum of squares of the inverse triangle with unit columns is at most `WEAKEST`,
+    20, per column. Where less than `SMALL`, 1e-4, of the square of the right-hand side is left, its residual is formed
+    and summed, which overwrites it in `rows`.
     """
     n, last = _padded(q), r.shape[0] - 1
     g = np.zeros((n + 1, n + 1))

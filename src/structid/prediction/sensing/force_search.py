@@ -192,8 +192,9 @@ def likeliest_frequency(
     def unlikely(point: FloatArray) -> float:
         """Negative log-likelihood of the record under forces of `point`, logarithms (3,) of time, frequency, size.
 
-        Infinite outside the limits, where the forces would move the sensors by far more than the record, or without a
-        filter.
+        Infinite for a time outside 0.1 samples to ten records, a frequency from half the sampling rate on, where the
+        forces would move the sensors by more than 3 times (100 times for a free structure) what the record shows, or
+        without a filter.
         """
         is_within = _SHORTEST / rate <= np.exp(point[0]) <= _LONGEST * count / rate and np.exp(point[1]) < rate / 2
         if not is_within:

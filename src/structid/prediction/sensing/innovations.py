@@ -197,8 +197,9 @@ def _larger(whitened: FloatArray, replicates: Sequence[FloatArray], least: float
 def _correlated(whitened: FloatArray, replicates: Sequence[FloatArray], least: float = _FORETOLD) -> str:
     """Words on whitened innovations (n_times, n) that are more correlated in time than those of replicates, else "".
 
-    The sum of squared correlations with earlier ones must exceed those of all replicates significantly, and their mean
-    by more than `least`; "" too if n is 0.
+    The sum of squared correlations with earlier ones, over n, must exceed those of all replicates, in logarithms their
+    mean by three standard deviations, and their mean by more than `least`; "" too if n is 0. `replicates` are two
+    arrays like `whitened` or more.
     """
     if not whitened.size:
         return ""

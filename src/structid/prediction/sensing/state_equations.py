@@ -215,8 +215,9 @@ class ForceProcess:
 def _aliasing_filter(rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Filter against aliasing for a sampling `rate` in Hz, as (a, b, c, d) of x' = a x + b u and y = c x + d u.
 
-    It is an elliptic low-pass with its corner at half the rate; a (n, n) and b (n,) are in 1/s, c is (n,) and d a
-    number. Without a rate nothing is filtered: n is 0 and d is 1.
+    It is an elliptic low-pass of order n = 9, with 0.1 dB of ripple up to its corner at half the rate and 80 dB of
+    attenuation beyond; a (n, n) and b (n,) are in 1/s, c is (n,) and d a number. Without a rate nothing is filtered: n
+    is 0 and d is 1.
     """
     if rate is None:
         return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
