@@ -273,7 +273,7 @@ def fit_mirrored(
     """Fit of a change that may mirror another: the other's fit if the misfit there is equal, else a fit by the task.
 
     Changes at mirrored positions of a symmetric structure have equal fits, which one residual shows: the sums of
-    squares must agree to 1e-9. A dict as of the task.
+    squares must agree to a part of 1e-9; where the residual cannot be made, the task is run too. A dict as of the task.
 
     Parameters
     ----------
@@ -386,8 +386,8 @@ def _try_other_strengths(base: FittedModel, modified: ModifiedModel, minimum: Mi
     """Best fit on fewer lines over several strengths of the last change: the model with that strength, and its minimum.
 
     Each factor of the candidate's `other_strengths`, and its inverse, is tried on the best strength so far, within the
-    bounds. `modified` and `minimum` themselves where none is better, and for candidates without `other_strengths`.
-    `base` is the fit before the change, whose values are starts.
+    bounds; those at which the model fails are skipped. `modified` and `minimum` themselves where none is better, and
+    for candidates without `other_strengths`. `base` is the fit before the change, whose values are starts.
     """
     candidate, strength, _ = modified.changes[-1]
     for step in candidate.other_strengths:

@@ -231,7 +231,7 @@ class TaskWithEffort:
     task: Callable
 
     def __call__(self, shared: object, item: object, tools: object) -> dict:
-        """Dict with the ``result`` of the task and its ``effort`` in s; the meter of the process is left as before.
+        """Dict with the ``result`` of the task and its ``effort`` in s; the meter `METER` is as before, also on error.
 
         `shared`, `item` and `tools` are passed on to the task.
         """

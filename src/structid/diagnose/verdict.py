@@ -438,7 +438,7 @@ def clock_or_stiffness(identification: Identification) -> str:
     clause is there for modes and accelerations of models without a fixed stiffness, where the ratios of at least two
     stiffnesses to their starts agree with one common ratio (chi-square, 5 %) that differs from 1 by more than their
     uncertainty and 1 %. Axial forces count as stiffnesses. A matrix-free search has no covariance matrix to test this
-    with.
+    with; "" then, and where it is singular or not finite.
     """
     estimate, problems = identification.estimate, identification.problems
     index = np.flatnonzero(np.isin(estimate.kinds, _STIFFENING))

@@ -83,9 +83,9 @@ class FixedValues:
         `chi_square` is the sum of squares at `theta`, (n_params,). Above four times the number of data (not in a
         matrix-free search), a first search of seven iterations has more damping, and the refit ends there if it stays
         above. A refit that stays above is repeated with the values that ran away back at their starts: the data that
-        drove them off with fixed values exact may not see the way back. `start` is the end of a refit to a part of the
-        data, free variables of all unknowns with fixed values among them: from there only a few steps are taken, if it
-        fits all data better than `theta`.
+        drove them off with fixed values exact may not see the way back; the better of both counts, the first where the
+        model fails there. `start` is the end of a refit to a part of the data, free variables of all unknowns with
+        fixed values among them: from there only a few steps are taken, if it fits all data better than `theta`.
         """
         begun = self._all_free_variables(names, theta)
         if start is not None and self._cost(start) < self._cost(begun):

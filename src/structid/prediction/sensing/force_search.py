@@ -211,7 +211,8 @@ def likeliest_frequency(
     def first_point(time: float) -> FloatArray:
         """Logarithms (3,) of a correlation `time` (s), the frequency of the peak (Hz) and a size of the forces (N).
 
-        The size is the lesser of that of the forces sensed before and that which makes the measured motion.
+        The size is the lesser of that of the forces sensed before and that which makes the measured motion; the former
+        alone where the latter cannot be found.
         """
         process = of_point(np.log([time, peak, first]))
         try:
