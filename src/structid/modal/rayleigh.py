@@ -239,8 +239,9 @@ def _independent_motions(
     """Maps from channels y to independent motions z with <z z'> = 1 and back, and relative eigenvalues of <y y'>.
 
     The maps are (n_channels, rank) each: z = y @ first, y = z @ second'; eigenvalues (n_channels,) are over the
-    largest. Those below `tolerance` count as zero, and `n_modes`, if not None, is the rank kept. `motion` has the
-    samples. `InputError` if `tolerance` is not between 0 and 1, or `n_modes` exceeds the motions there are.
+    largest, of translations and rotations that are first scaled to a root mean square of 1 each. Those below
+    `tolerance` count as zero, and `n_modes`, if not None, is the rank kept. `motion` has the samples. `InputError` if
+    `tolerance` is not between 0 and 1, or `n_modes` exceeds the motions there are.
     """
     if not 0 < tolerance < 1:
         raise InputError(f"`tolerance` must lie between 0 and 1, got {tolerance!r}")

@@ -346,8 +346,9 @@ def _keep_certain_modes(
 def _is_steady(data: ScaledMotion, modes: ModalRecord) -> NDArray[np.bool_]:
     """Mask (n_modes,) of steady tones in a free decay: weak modes with far less damping than modes that die out.
 
-    Weak is below 1 % of the energy; far less is below a tenth of the median damping ratio of modes that die out significantly,
-    with 95 % confidence. All false if fewer than three die out.
+    Weak is below 1 % of the energy of `data`; a mode dies out if its damping ratio exceeds 1.96 standard deviations;
+    far less damping is a ratio that with 1.96 standard deviations added stays below a tenth of the median ratio of
+    modes that die out. All false if fewer than three die out.
     """
     ratio, std = modes.damping_ratio, np.nan_to_num(modes.std[modes.n_modes :])
     dying = ratio > NOT_TOLD_APART * std
@@ -392,8 +393,8 @@ def _is_crowded(selection: PickedPoles, greatest: int) -> bool:
 def _orders(data: ScaledMotion, rows: int, wanted: Sequence[int] | None, greatest: int) -> list[int]:
     """Model orders to try, increasing: those `wanted`, or else at most 60 even ones, in even steps up to `greatest`.
 
-    `InputError` if they exceed the matrix. `rows` is the number of block rows, with room for (rows - 1) * n_channels
-    states.
+    `InputError` if there are none, one is below 1 or exceeds the matrix. `rows` is the number of block rows, with room
+    for (rows - 1) * n_channels states; the default ends there.
     """
     room = (rows - 1) * data.n_channels
     step = max(2, 2 * math.ceil(greatest / (2 * _MOST_ORDERS)))
