@@ -158,10 +158,10 @@ def read_lvm(path: Path) -> list[LvmChannel]:
 
 
 def _take_apart(path: Path) -> _Segment:
-    """Head of the file at `path`, head of its only segment, names of columns, and rows of cells.
+    """Head of the file at `path`, head of its only segment, names of columns, rows of cells, and decimal sign.
 
-    A column of comments is left out. Raises `ValueError` if it is no LVM file, and `OtherContentError` if it holds
-    several segments.
+    The last is True for commas. A column of comments is left out. Raises `ValueError` if it is no LVM file, and
+    `OtherContentError` if it holds several segments.
     """
     text = path.read_text(encoding="cp1252")
     lines = text.splitlines()

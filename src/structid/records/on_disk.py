@@ -310,7 +310,10 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
 
 
 def _dofs(texts: Sequence[str]) -> tuple[Dof, ...]:
-    """Degrees of freedom parsed from `texts`, in their order; repeated texts are allowed and parsed once."""
+    """Degrees of freedom parsed from `texts`, in their order; repeated texts are allowed and parsed once.
+
+    `InputError` if a text is no degree of freedom.
+    """
     by_text: dict[str, Dof] = {}
     for text in texts:
         if text not in by_text:

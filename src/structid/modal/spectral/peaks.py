@@ -388,7 +388,10 @@ def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int
 
 
 def unexplained_peaks(frequency: FloatArray, level: FloatArray, modes: ModalRecord) -> FloatArray:
-    """Frequencies (Hz) of peaks that stand out by 10 dB or more and lie at none of `modes`.
+    """Frequencies (Hz) of peaks that stand out by 10 dB or more and lie at none of `modes`, rising.
+
+    Peaks are those of the logarithm of `level`, averaged over three lines; they stand out of the higher valley beside
+    them.
 
     Parameters
     ----------

@@ -37,7 +37,9 @@ _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
 
 
 def fields_of(record: FrfRecord | TimeRecord) -> dict[str, Field]:
-    """All fields of `record` by name in structid's layout, arrays and texts; `record_from` restores the record from them.
+    """Fields of `record` by name in structid's layout, arrays and texts; `record_from` restores the record from them.
+
+    Of FRFs `decay`, `segment` and `sizes` are left out.
 
     Raises
     ------
@@ -73,7 +75,10 @@ def _time_fields(record: TimeRecord) -> dict[str, Field]:
 
 
 def _frf_fields(record: FrfRecord) -> dict[str, Field]:
-    """Arrays and texts of an FRF record by their names in structid's layout; fields that are None are left out."""
+    """Arrays and texts of an FRF record by their names in structid's layout.
+
+    `decay`, `segment` and `sizes` have no name there and are left out, as are fields that are None.
+    """
     fields: dict[str, Field] = {
         MARK: _FRF_MARK,
         "frequency": record.frequency,

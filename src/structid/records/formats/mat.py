@@ -42,12 +42,16 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` to `path` as a MAT file of version 5 in structid's layout, complete.
+    """Write `record` to `path` as a MAT file of version 5 in structid's layout, whole or not at all.
+
+    The layout leaves out `segment` and `sizes` of FRFs.
 
     Raises
     ------
     FileError
         If the file cannot be written, or an array is larger than the 2 GB of version 5.
+    InputError
+        If a text of the record holds control characters.
     """
     from scipy.io import savemat
 

@@ -81,14 +81,15 @@ def read_correlation(path: str | Path, options: ReadOptions | None = None) -> Co
         Universal file with correlation functions (function types 7 and 8), or NPZ, MAT or HDF5 with an array of shape
         (n_lags, n_channels, n_references) from lag 0 on.
     options : ReadOptions, optional
-        What the file does not say: ``units`` of each channel (of the motion, such as ``g``, not of its square). Of arrays also
-        ``sampling_rate``, ``channels``, and ``inputs`` for the references where these are not all channels.
+        What the file does not say: ``units`` of each channel (of the motion, such as ``g``, not of its square),
+        ``averages``. Of arrays also ``sampling_rate``, ``channels``, and ``inputs`` for the references where these are
+        not all channels.
 
     Raises
     ------
     FileError
-        If the file is missing, damaged, or holds no correlation functions; if lags are uneven or begin after 0, or pairs are
-        missing.
+        If the file is missing, damaged, or holds no correlation functions; if lags are uneven or begin after 0, or
+        pairs are missing.
     InputError
         If an option is missing or contradicts the file, or the functions are normalized to 1.
     """

@@ -47,7 +47,8 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
     """Write `record` to `path` as a CSV table with commas and all digits.
 
-    Time records lose their noise variance and source, FRF records `averages`, `noise_source` and `source`.
+    Time records lose their noise variance and source, FRF records all but frequencies, values, channels, kind,
+    coherence and variance.
 
     Raises
     ------
