@@ -63,7 +63,7 @@ class Shown(ABC):
         return self.summary()
 
     def summary(self) -> str:
-        """The overview as plain text: the line, then the whole table in aligned columns."""
+        """The overview as plain text: its line of words, then the whole table, header first, in aligned columns."""
         shown = self.overview()
         lines = [list(shown.header), *map(list, shown.rows)] if shown.rows else []
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -71,7 +71,7 @@ class Shown(ABC):
         return "\n".join([shown.words, *(line.rstrip() for line in table)])
 
     def _repr_html_(self) -> str:
-        """The overview as HTML for notebooks: class and line, then the first rows of the table.
+        """The overview as HTML for notebooks: the class with the line of words, then the first 30 rows of the table.
 
         A last line says how many rows are left out, if any.
         """

@@ -196,7 +196,8 @@ def frequencies_between(
     """Natural frequencies (n_modes,) above `lowest` and up to `highest` (Hz), rising, and True if the list is complete.
 
     `known` are the lowest modes of the model, whose `mass` and `stiffness` are (n_dofs, n_dofs). If the list is not
-    complete, as in a large model, it may hold only the first such frequency.
+    complete, as may be in a large model, it holds those of `known`, or only the first if all of `known` are at most
+    `lowest`.
     """
     frequency = known.frequency
     is_all = mass.shape[0] <= _DENSE_UP_TO or bool(frequency[-1] > highest)
@@ -390,7 +391,10 @@ def _ritz(energy: _Energy, mass: sparse.csc_array, space: FloatArray) -> tuple[F
 
 
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
-    """Inverse of the shifted stiffness as a linear operator, by the factorizer in use; None if a diagonal is 0."""
+    """Inverse of the shifted stiffness as a linear operator, by the factorizer in use; None if a diagonal is 0.
+
+    Indices of `shifted` (n_dofs, n_dofs) are sorted in place.
+    """
     shifted.sort_indices()
     if not shifted.diagonal().all():
         return None

@@ -232,8 +232,8 @@ def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[E
 def _power_weights() -> FloatArray:
     """Weights (n_powers, n_scales) that split a matrix, known at scaled lengths, into its parts by powers of length.
 
-    Lengths are scaled by 2^k, and a part goes with the power p. The inverse of the matrix 2^(k p), computed in
-    fractions without rounding.
+    Lengths are scaled by 2^k, and a part goes with the power p, both from -3 to 3. The inverse of the matrix 2^(k p),
+    computed in fractions without rounding.
     """
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]

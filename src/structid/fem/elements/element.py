@@ -180,7 +180,8 @@ def declarations(kind: type[ElementSet] | ElementSet) -> dict[str, Declared]:
 def element(cls: type[E]) -> type[E]:
     """Class decorator that makes an element type a frozen dataclass with its fields listed in the docstring.
 
-    The parameters come after the summary, before sections of notes and references.
+    The parameters come after the summary, before sections of notes and references. The initializer explains wrong
+    arguments by an `InputError`.
     """
     decorated = dataclass(frozen=True, eq=False, repr=False)(cls)
     decorated.__init__ = _with_known_arguments(decorated, decorated.__init__)  # type: ignore[method-assign]

@@ -23,9 +23,10 @@ _KINDS = {"stress": "STIFFNESS", "mass": "MASS", "damping": "DAMPING"}
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """Stiffness and mass of an Ansys ``.full`` file, or of each element of a ``.emat`` file, as a list.
+    """Stiffness and mass matrices in the Ansys file at `path` (``.full`` or ``.emat``), as a list of one each.
 
-    Rows have node and component. The file is read in a child process.
+    Rows have node and component. Those of a ``.emat`` file are assembled, have the entries of each element beside, and
+    damping may be among them. The file is read in a child process.
 
     Raises
     ------

@@ -130,9 +130,10 @@ def _read_header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int
 
 
 def _read_entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
-    """Entries on the `wanted` lines (mask): the row's grid point and component, real and imaginary part of each.
+    """Entries on the `wanted` lines (mask), from groups of four fields: grid point, component and value of the row.
 
-    Blank groups of fields are left out. Raises `FileError` for a field that is no number.
+    Each has the index of its line, that of the line on which its card begins, grid point and component of the row, and
+    real and imaginary part. Blank groups are left out. Raises `FileError` for a field that is no number.
     """
     is_start = lines.card == np.arange(len(lines.card))
     parts = []

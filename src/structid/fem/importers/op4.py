@@ -337,7 +337,7 @@ class _Lines(NamedTuple):
     text: list[bytes]
 
     def integers(self, line_index: int, count: int, what: str) -> list[int]:
-        """`count` whole numbers on line `line_index`, in fields of eight columns or between blanks.
+        """`count` whole numbers on the line with index `line_index`, in fields of eight columns or between blanks.
 
         Raises `FileError`, which calls them `what`, if there is no such line or something else on it.
         """
@@ -654,7 +654,8 @@ def _assemble_strings(
 ) -> sparse.csc_array:
     """The sparse matrix of `shape` from strings: first `row` and `column` (from 0) and `length` of each, (n_strings,).
 
-    `numbers` are the values of all entries in order; real and imaginary parts alternate if `is_complex`.
+    `numbers` are the values of all entries in order; real and imaginary parts alternate if `is_complex`. Zeros are left
+    out of the matrix.
     """
     values = np.ascontiguousarray(numbers, dtype=np.float64)
     rows, columns, _ = entries(row, column, length)

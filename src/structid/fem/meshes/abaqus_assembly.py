@@ -145,9 +145,10 @@ class PartData:
         return labels
 
     def drop_unknown(self, keyword: str, labels: set[int], known: set[int]) -> set[int]:
-        """Take away from `labels` those that are not `known`; returns those that no range passes over.
+        """Take away from `labels`, in place, those that are not `known`; returns those of them that stand in no range.
 
-        `labels` are those of a set, `keyword` is NSET or ELSET.
+        `labels` are those of a set, `keyword` is NSET or ELSET; ranges (GENERATE) of the same keyword may pass over
+        labels that are not there.
         """
         missing = labels - known
         labels -= missing
@@ -419,8 +420,9 @@ class Assembly:
     def take_set(self, block: KeywordBlock) -> None:
         """Add the members of a *NSET or *ELSET block of the assembly to its sets, by the instance that they belong to.
 
-        They are labels or sets of one instance (option INSTANCE), or of the assembly, or INSTANCE.LABEL and
-        INSTANCE.SET. Raises `ValueError` if a named set or instance is not there.
+        They are labels, sets or ranges (GENERATE) of one instance (option INSTANCE) or of the assembly, INSTANCE.LABEL,
+        INSTANCE.SET, and, for a *NSET with the option ELSET, the nodes of those elements. Raises `ValueError` if a
+        named set or instance is not there.
         """
         assert self.own is not None
         is_nodes = block.keyword == "NSET"
@@ -445,9 +447,9 @@ class Assembly:
         self.own.unsorted |= {name.upper()} if "UNSORTED" in block.options else set()
 
     def drop_unknown(self) -> tuple[str, ...]:
-        """Take labels without a node or element from all sets; a sentence for each set that names some.
+        """Take labels without a node or element out of all sets; returns a sentence for each set that named some.
 
-        Ranges (GENERATE) may pass over labels that are not there.
+        Ranges (GENERATE) may pass over labels that are not there: these are left out without a sentence.
         """
         sentences = []
         for keyword, word in (("NSET", "node"), ("ELSET", "element")):

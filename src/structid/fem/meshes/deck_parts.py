@@ -279,7 +279,7 @@ def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], so
 def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[DeckPart]:
     """One part called `kind` of all `items` (obstacle, part) without an obstacle, and one for each obstacle.
 
-    Parts with an obstacle keep only their count and mass.
+    They are in the order of first appearance. Parts with an obstacle keep only their count and mass.
     """
     by_obstacle: dict[str, list[DeckPart]] = {}
     for obstacle, part in items:

@@ -319,7 +319,8 @@ class _OffsetReader:
         """Parts with the offsets of plates along their normals, by ZOFFS and Z0 of their laminate, and with obstacles.
 
         An obstacle says why an offset cannot be taken. `name` is the card, `index` that of the `block` of cells among
-        all, `properties` (n_cells,) are the property numbers. Empty if no plate has an offset.
+        all, `properties` (n_cells,) are the property numbers. Quadratic plates with an offset are one part with an
+        obstacle. Empty if no plate has an offset.
         """
         cards = self._cards[name]
         middles = [self._middles.get(number, (0.0, "")) for number in properties.tolist()]

@@ -380,8 +380,9 @@ def _read_scalar_spring(
 def _read_bush(deck: _DeckContext, name: str, values: Values, fields: Sequence[str]) -> ObstacleAndPart:
     """Obstacle ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
-    `name` and `fields` are those of the card; `values` has the stiffness (6,), damping (6,), loss factor and obstacle
-    of each property, by number.
+    Obstacles are a property that is not there or has one itself, a scalar point, a spring off the line of its nodes,
+    and stiffness across an axis that the card does not give. `name` and `fields` are those of the card; `values` has
+    the stiffness (6,), damping (6,), loss factor and obstacle of each property, by number.
     """
     words = _pad_words(fields, 16)
     first, second = _whole(words[2]), _whole(words[3])

@@ -199,7 +199,8 @@ class StiffnessSlopes:
         """Operator for the forces (dZ/dp) x of all parameters, and the factors (n_lines, n_maps) of its maps.
 
         `physical` (n_params,) are the parameters, `coefficients` (n_lines, n_matrices) those of the matrices in the
-        dynamic stiffness Z. The operator is cached as long as the derivatives of the weights stay.
+        dynamic stiffness Z. Maps are sparse, from fields to forces, one for each kind of matrix in Z. The operator is
+        cached as long as the derivatives of the weights stay.
         """
         parts, factors = self.parts_at(physical, coefficients)
         cached = self._forces_cache.get("last")

@@ -170,7 +170,8 @@ class FrfProblem(RecordProblem):
         """Facts of the record for diagnostics: line spacing, window bandwidth (Hz), noise in words, number of channels.
 
         Spacing and bandwidth have an entry for each line: the distance to the line before (to the next for the first,
-        infinite for a single one), and the decay of the window over pi.
+        infinite for a single one), and the decay of the window over pi. Others are whether the force was measured and
+        whether a wrong clock looks like stiffness, and the record.
         """
         gaps, record = np.diff(self.frequency), self.record
         noise = _NOISE.get(record.noise_source, "the noise that the record has")
@@ -226,9 +227,10 @@ class FrfProblem(RecordProblem):
         return self.form != "equation" and any(component.variance is not None for component in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-        """Yield the change of the observed FRFs by each error of measured components, channel errors included.
+        """Yield each error of measured components, with the change of the observed FRFs by it, channel errors included.
 
-        `physical` (n_params,) are the parameters of the structure, then those of the channels.
+        An `ErrorsOfEntry` belongs to one entry of a receptance. `physical` (n_params,) are the parameters of the
+        structure, then those of the channels.
         """
         of_structure, of_channels = np.split(physical, [self.parameters.n_params])
         for entry in errors_of_entries(self.model, of_structure):

@@ -140,8 +140,9 @@ class FixedRows:
     def refit(self, rows: WhitenedRows) -> FitWithinTolerances | None:
         """Fit with each fixed value free within its tolerance, and its deviation counted as data; None if not unique.
 
-        Deviations are in tolerances. `rows` are the equations without fixed values. The unknowns of the result's
-        problem name the parameters only.
+        `rows` are the equations without fixed values. The result has the problem, its solution (parameters, then
+        deviations of the fixed values in tolerances), the linearization there, the deviations and the parameters. The
+        unknowns of the problem name the parameters only.
         """
         tolerance, n, n_fixed = self.fixed.tolerance, rows.parameters.n_params, len(self.fixed.names)
         stated = np.hstack([np.zeros((n_fixed, n)), np.eye(n_fixed)])
