@@ -486,7 +486,7 @@ class PardisoFactor:
     def _check_solution(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
         """`solution` unchanged; `SingularMatrixError` if pivots were changed and the relative residual exceeds 1e-6.
 
-        `right` are the right-hand sides (n, n_right).
+        `right` are the right-hand sides, `solution` the solutions, both (n, n_right); `solution` must not be None.
         """
         assert solution is not None
         if self.n_changed and _backward_error(self.handle, self.values, right, solution) > _RESIDUAL:

@@ -141,9 +141,10 @@ class Structure(Shown, StructurePlots):
     ) -> None:
         """A structure of nodes (positions in m), element sets, supports and ties; matrices are made and checked here.
 
-        `fixed` are the supports, `active` the directions of motion, `subdivide` the pieces of each line, `bases`
-        supports that drive, `sliding` nodes whose position is a property, `components` and `measured` reduced and
-        measured parts, `damping_ratio` that of all modes. `left_aside` and `file_notes` are remarks on the mesh file.
+        `fixed` are the supports, `active` the directions of motion (None: those usual for the dimension), `subdivide`
+        the pieces of each line, `bases` supports that drive, `sliding` nodes whose position is a property, `components`
+        and `measured` reduced and measured parts, `damping_ratio` that of all modes. `left_aside` and `file_notes` are
+        remarks on the mesh file.
 
         Raises
         ------

@@ -255,7 +255,8 @@ def _select_cards(
     """The lines of the cards called `names`, with the index of the line at which the card of each begins.
 
     `start` and `end` are the first and last byte (exclusive) of each line in `buffer`, `number` its line number,
-    `origins` the file of each line if there are several. Raises `FileError` if a continuation line is out of order.
+    `origins` the file of each line, or None if all are of `path`. Raises `FileError` if a continuation line is out of
+    order.
     """
     head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
     blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)

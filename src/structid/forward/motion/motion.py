@@ -211,10 +211,10 @@ def _differenced(motion: Motion) -> Motion:
 
 
 def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -> FloatArray:
-    """Forces on the free degrees of freedom, (n_times, n_dofs), from `force` or the force channels of `record`.
+    """Forces (n_times, n_dofs) in N on the free degrees of freedom: `force`, or if that is None the record's channels.
 
-    Channels that act on one degree of freedom add up. Raises `InputError` if there is neither, or both, or `force` has
-    another shape.
+    Force channels that act on one degree of freedom add up; moments are in N m. Raises `InputError` if there is neither
+    `force` nor a force channel, or both, or `force` has another shape.
     """
     reader, size = field_map(structure, record, "force"), (len(record.values), structure.n_dofs)
     if force is None:

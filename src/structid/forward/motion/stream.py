@@ -274,7 +274,7 @@ class FitKeeper:
 def motion_solution(fit: RecursiveMotionFit, work: FoldingKernels | None = None) -> MotionSolution:
     """Solution of a motion fit with very many parameters by sparse factors, with standard deviations of the parameters.
 
-    `work` only gives the name of the engine that formed the rows.
+    `work` are the kernels that formed the rows; only the name of their engine is used (None: the default kernels).
 
     Raises
     ------

@@ -99,7 +99,10 @@ class TimeOptions:
     drift: Number = 0
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on an undeclared value, wrong `quantities`, or `rest_time` with an unknown start."""
+        """Raise `InputError` on an undeclared value, wrong `quantities`, or a `rest_time` where the start is unknown.
+
+        `quantities` must hold at least one of the three kinds of motion, and nothing else.
+        """
         require_declared(self)
         if not self.quantities or not set(self.quantities) <= {"displacement", "velocity", "acceleration"}:
             raise InputError(f"`quantities` must list kinds of motion, got {self.quantities!r}")
