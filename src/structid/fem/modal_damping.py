@@ -184,7 +184,7 @@ class ModalDamping(Factor):
     def _solve_modes(self, values: FloatArray) -> ModalState:
         """Modes at property values (n_values,), with phi' (M + K / c) phi = 1; c balances mass and stiffness.
 
-        c is the least ratio of diagonal entries of K and M, 1 if there is none above 0. The result has shapes, the
+        c is the least ratio of diagonal entries of K and M, 1 if that is not above 0. The result has shapes, the
         highest frequency first, their products with M + K / c, and square roots of modal mass and stiffness. Raises
         `SingularModelError` if a motion has neither.
         """

@@ -266,7 +266,8 @@ def file_text(path: Path, matrices: Sequence[ImportedMatrix], field: Field = "la
 def _card_lines(item: ImportedMatrix, dofs: IntArray, field: Field) -> list[str]:
     """Lines of the DMIG cards of the matrix `item`, header first, then one card for each column with entries.
 
-    `dofs` (n_rows, 2) are node and component of its rows; `field` is "large", "small" or "free".
+    `dofs` (n_rows, 2) are node and component of its rows; `field` is "large", "small" or "free". Of a symmetric matrix
+    only the lower triangle is written.
     """
     is_complex = np.iscomplexobj(item.matrix.data)
     rectangular = not item.is_square

@@ -67,7 +67,7 @@ class ImportedMatrix:
     constrained: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Convert the matrix to compressed columns, and the tables to read-only arrays (n, 2).
+        """Convert the matrix to compressed columns without duplicates, and the tables to read-only arrays (n, 2).
 
         Raises `InputError` if a table has another number of rows than the matrix has rows or columns.
         """

@@ -161,7 +161,8 @@ def write_dmig(path: str | Path, matrices: Iterable[ImportedMatrix], field: Fiel
     path : str or Path
     matrices : iterable of ImportedMatrix
     field : {"large", "small", "free"}
-        Twelve digits of positive numbers (eleven of negative ones, one less beyond 1e10), four or five, or all of them.
+        "large" holds twelve digits of positive numbers (eleven of negative ones, one less beyond 1e10), "small" four or
+        five, "free" all of them.
 
     Raises
     ------
