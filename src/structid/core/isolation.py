@@ -152,8 +152,8 @@ def safe_child_environment() -> Iterator[None]:
 def isolated() -> Iterator[None]:
     """Context manager whose block runs in `NEUTRAL_FOLDER` and imports nothing from the folder of the call.
 
-    That folder is noted for `calling_folder`, so that relative paths still begin there. Folder, import path and
-    environment are restored at its end.
+    That folder is noted for `calling_folder`, also beyond the end of the block, so that relative paths still begin
+    there. Folder, import path and environment are restored at the end.
     """
     folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
     _calling.append(folder)

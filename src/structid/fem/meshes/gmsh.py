@@ -361,7 +361,7 @@ class _Ascii:
         """Yield runs of neighbouring elements of one type in a section of version 2: type, tags and nodes.
 
         Tags are (n, 2) and nodes (n, n_nodes). Tags are the physical group and the entity, 0 where absent. `count` is
-        the number of elements. Raises `ValueError` if the section has fewer.
+        the number of elements. Raises `ValueError` or `IndexError` if the section has fewer.
         """
         assert self._words is not None
         numbers = self._words[self._at :].astype(np.int64)
