@@ -270,7 +270,8 @@ def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tup
 
     Stretches are about four correlation lengths of `residual` (n_data,) long, shorter where there would be fewer than
     ten of them, but at least one line. The grouping by channels (real and imaginary part together) is left out if there
-    are fewer than four. `lines` and `series` (n_data,) number the line and channel of each row.
+    are fewer than four. `lines` and `series` (n_data,) number the lines from 0 and the series: 2 k and 2 k + 1 are of
+    channel k. Blocks count from 0.
     """
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)

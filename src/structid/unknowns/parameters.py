@@ -156,7 +156,8 @@ def parameters(structure: Structure, unknowns: Unknown | Iterable[Unknown]) -> P
     ------
     InputError
         If a declaration is of another class or names an element, property or parameter that does not exist (the nearest is
-        named), if two declarations claim the same value, or if a start lies outside its range.
+        named), if two declarations claim the same value, if a start lies outside its range, or if a prior, a tie, a
+        scatter or a tolerance does not suit its parameter.
 
     Examples
     --------
