@@ -142,8 +142,9 @@ def digest(path: str | Path) -> str:
 def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -> Iterator[None]:
     """Context manager that turns exceptions of damaged content in a reader into a `FileError` that begins with `path`.
 
-    An `InputError` whose message begins with `path` is raised as it is, any other gets `path` in front. A `MemoryError`
-    becomes a `FileError` that says so.
+    Such exceptions are `ValueError`, `LookupError`, `ArithmeticError`, `OSError` and others in `DAMAGE`. An
+    `InputError` whose message begins with `path` is raised as it is; any other becomes a `FileError` with `path` in
+    front. A `MemoryError` becomes a `FileError` that says so.
 
     Parameters
     ----------

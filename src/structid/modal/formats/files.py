@@ -69,12 +69,13 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
 
     Notes
     -----
-    JSON keeps everything. A universal file keeps six digits, and no covariance, standard deviations, warnings or unknown
-    entries of shapes; each sense becomes the positive one, and a damping ratio of 0 means that it is not known. CSV keeps
-    standard deviations but not how errors move together: they count as independent. Shape entries that are blank or
-    ``nan`` there, or null in JSON, are unknown. Of Nastran's files translations are read, and rotations where
-    `options.length_unit` is stated, beside which alone their size has a meaning; real modes there hold no damping. What a
-    reader took for granted or left out stands in the `source` of the record, behind the name of the file.
+    JSON keeps everything, `changes` in nine digits. A universal file keeps six digits, and no covariance, standard
+    deviations, warnings or unknown entries of shapes; each sense becomes the positive one, and a damping ratio of 0
+    means that it is not known. CSV keeps standard deviations but not how errors move together: they count as
+    independent. Shape entries that are blank or ``nan`` there, or null in JSON, are unknown. Of Nastran's files
+    translations are read, and rotations where `options.length_unit` is stated, beside which alone their size has a
+    meaning; real modes there hold no damping. What a reader took for granted or left out stands in the `source` of the
+    record, behind the name of the file.
     """
     path, options = Path(path), options or ModeFileOptions()
     suffix = path.suffix.lower()

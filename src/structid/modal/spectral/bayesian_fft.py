@@ -508,9 +508,10 @@ def _modal_record(
 
 
 def _unit_largest(shapes: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """`shapes` (n_channels, n_modes) with largest entry 1, and the deviation of every entry, (n_channels, n_modes) each.
+    """`shapes` (n_channels, n_modes) with largest entry 1, and the standard deviation of every entry, shaped alike.
 
-    `covariances` (n_modes, n_channels, n_channels) are those of each shape; the deviation of the largest entry is 0.
+    `covariances` (n_modes, n_channels, n_channels) are those of each of `shapes` as given; the deviation of the largest
+    entry is 0.
     """
     unit, std = np.empty_like(shapes), np.empty_like(shapes)
     for r, (shape, covariance) in enumerate(zip(shapes.T, covariances, strict=True)):

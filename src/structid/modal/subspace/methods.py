@@ -113,11 +113,11 @@ def ssi_cov(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int =
 def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
     """Subspace by data-driven stochastic subspace identification.
 
-    F and P stack i = `block_rows` future and past samples of the n channels in their columns, one for each of the N samples. With
-    L L' the sum of P P' over the window, the projection is the sum of F P' times L^-T. Where the past is too close to singular
-    for that (L's diagonal spans more than four decades, as in motion without noise), it comes from a QR decomposition of all
-    samples, which costs 8 i^2 n^2 N. `parts` of the result, the same sums over pieces, are multiplied by L^-T too; they are None
-    where the past is singular.
+    F and P stack i = `block_rows` future and past samples of the n channels in their columns, one for each of the N
+    samples. With L L' the sum of P P' over the window, the projection is the sum of F P' times L^-T. Where the past is
+    too close to singular for that (L's diagonal spans more than four decades, as in motion without noise), it comes
+    from a QR decomposition of all samples, which costs 8 i^2 n^2 N. `parts` of the result, the same sums over pieces,
+    are multiplied by L^-T too; they are None where the past is singular.
 
     Parameters
     ----------
@@ -129,6 +129,12 @@ def ssi_data(data: ScaledMotion, block_rows: int, max_order: int, n_pieces: int 
         Greatest number of states.
     n_pieces : int
         Pieces of the data for the covariance of the result.
+
+    Returns
+    -------
+    Subspace
+        Singular vectors and values of the projection, from which models of up to `max_order` states follow, and the
+        pieces; without pieces where the past is singular.
 
     Raises
     ------

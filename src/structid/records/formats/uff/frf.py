@@ -71,6 +71,8 @@ def read_frfs(
     ------
     FileError
         If pairs are missing or doubled, a response is a magnitude alone, or kinds or frequencies differ.
+    InputError
+        If `options` name a channel that no function has, or do not fit the file.
     """
     by_pair = _functions_by_pair(path, frfs, options)
     named = bool(options.columns) and bool(options.outputs or options.inputs)
