@@ -140,7 +140,10 @@ class Reduction:
 
     @property
     def words(self) -> str:
-        """A sentence on the reduction: sizes before and after, number of modes and their frequency limit."""
+        """A sentence on the reduction: sizes before and after, number of modes and their frequency limit.
+
+        Without a reduction it says that the component is not reduced.
+        """
         whole = f"component {self.component.name}: {len(self.group.dofs)} degrees of freedom"
         if self.following is None:
             return f"{whole}, not reduced"

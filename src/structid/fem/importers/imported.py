@@ -173,7 +173,7 @@ def tables_of(codes: IntArray) -> IntArray:
 def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
     """The matrix with rows and columns in the order of `table`, sparse (n, n), zero where it has no entries.
 
-    `table` (n, 2) has node and component (1 to 6) of each row.
+    `table` (n, 2) has node and component (1 to 6) of each row; `imported` must be square.
 
     Raises
     ------

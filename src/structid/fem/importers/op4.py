@@ -163,7 +163,8 @@ def _record_range(path: Path, content: bytes, offset: int, kind: _WordFormat, wh
 def _read_header(path: Path, content: bytes, offset: int, kind: _WordFormat) -> tuple[_Header, int]:
     """The header of the matrix at byte `offset` of the file `content`, and the byte behind it.
 
-    Raises `FileError` if it is cut short, or its sizes or type are not possible. `kind` has byte order and word size.
+    The header has sizes, form, type and name. Raises `FileError` if it is cut short, or its sizes or type are not
+    possible. `kind` has byte order and word size.
     """
     start, length = _record_range(path, content, offset, kind, "the header of a matrix")
     if length != 6 * kind.word:

@@ -189,7 +189,10 @@ def read_parts(
 
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
-    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it; `FileError` if there are several."""
+    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it, 0 if the value is blank.
+
+    Raises `FileError` if there are several values, `ValueError` if one is no number.
+    """
     stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}

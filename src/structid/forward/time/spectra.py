@@ -385,8 +385,8 @@ class SpectraModel:
     def _evaluate(self, physical: FloatArray) -> Evaluation:
         """Predicted spectra at the parameters `physical` (n_own + n_errors,), with transients fitted by least squares.
 
-        The result has motions, the part of each likeliest force in each reading, whitening and whitened residual.
-        Nothing is taken from earlier calls.
+        The result has the fields of sensors and of the forces, the parts of each likeliest force and of the transients
+        in each reading, the whitening, and the whitened residual. Nothing is taken from earlier calls.
         """
         spectra = self.spectra
         of_structure, read, stated = self._split_parameters(physical)
