@@ -72,6 +72,27 @@ def test_what_ends_the_child_is_told_and_the_next_file_is_read(strange, tmp_path
         strange("hang.h5")
 
 
+def test_a_mistake_of_a_reader_is_no_damage_of_a_file(tmp_path, monkeypatch):
+    """An attribute that does not exist is missed by the reader's own line; one that h5py misses tells of the file."""
+    worker = Path(module._SCRIPT)
+    script = tmp_path / worker.name
+    slip = (
+        "def hdf5_shapes(path):\n    return None.shape\n\n\ndef hdf5_attributes(path):\n    return json.loads(None)\n"
+    )
+    text = worker.read_text().replace("READERS: dict", f"{slip}\n\nREADERS: dict")
+    script.write_text(text)
+    module.end()
+    monkeypatch.setattr(module, "_SCRIPT", str(script))
+    path = named(tmp_path, "a.h5")
+    try:
+        with pytest.raises(RuntimeError, match=r"the reader of .*a\.h5 has a mistake: .*'shape'"):
+            hdf5_datasets(path)
+        with pytest.raises(FileError, match=r"a\.h5: is damaged, cut short or not HDF5"):
+            module.hdf5_attributes(path)
+    finally:
+        module.end()
+
+
 def test_a_child_that_others_have_left_damaged_is_no_reason_to_refuse_a_file(strange):
     assert strange("good") == ["good", 0]
     assert strange("second.h5") == ["second.h5", 0]

@@ -255,6 +255,13 @@ def test_bands_and_frequencies_out_of_place_are_named(options, words):
         bayesian_fft(record, ModalOptions(**options))
 
 
+def test_a_band_may_end_at_half_the_rate_where_no_line_lies():
+    """Segments of 301 samples have their last line at 4.98 Hz, the record one at 5 Hz."""
+    record = ambient_chain(4, 200.0)
+    found = bayesian_fft(record, ModalOptions(bands=[(1.4, 5.0)], frequencies=[1.6], segment=301)).modes
+    assert 1.4 < found.frequency[0] < 1.8
+
+
 def test_a_frequency_near_no_peak_is_named():
     """One pure tone, whose window falls without a second peak."""
     t = np.arange(1500) / 10.0

@@ -401,3 +401,34 @@ def test_what_a_dataset_says_of_window_and_weighting_is_used(tmp_path, values, w
         source = read_record(path).source
         assert words in source
         assert ("window" in source) == bool(words)
+
+
+def qualifiers(octave=0, weighting=0, window=0):
+    reals = f"{0.0:15.7E}" * 5
+    lines = [
+        f"{1:12d}{octave:12d}" + f"{0:12d}" * 4,
+        f"{weighting:6d}{window:6d}" + f"{0:6d}" * 10,
+        *[reals] * 3,
+        "X+  X+",
+    ]
+    return "\n".join(["    -1", "  1858", *lines, "NONE", "    -1", ""])
+
+
+def test_qualifiers_belong_to_the_function_behind_them_where_a_file_begins_with_them(tmp_path, values):
+    parts = (units(), *frfs(values)[:2])
+    units_text, *functions = (write(tmp_path / f"{k}.uff", [part]).read_text() for k, part in enumerate(parts))
+    before, behind = tmp_path / "before.uff", tmp_path / "behind.uff"
+    first, second = qualifiers(), qualifiers(weighting=1)
+    before.write_text(units_text + first + functions[0] + second + functions[1])
+    behind.write_text(units_text + functions[0] + first + functions[1] + second)
+    for path in (before, behind):
+        assert len(read_record(path, ReadOptions(columns="1")).inputs) == 1
+        with pytest.raises(FileError, match="function 2 has A weighting"):
+            read_record(path)
+
+
+def test_functions_in_octaves_are_refused(tmp_path, values):
+    path = write(tmp_path / "a.uff", [units(), *frfs(values)[:1]])
+    path.write_text(path.read_text() + qualifiers(octave=3))
+    with pytest.raises(FileError, match=r"function 1 is in 1/3 octaves \(dataset 1858\); export it line by line"):
+        read_record(path)

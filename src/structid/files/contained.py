@@ -28,8 +28,8 @@ from structid.core.isolation import import_paths, kill_child, python_arguments, 
 from structid.core.json_types import JsonValue
 from structid.files import damage_told, require_readable
 from structid.files.sparse import checked_sparse_matrix
+from structid.files.worker import SLIP, fill_tree
 from structid.files.worker import __file__ as _SCRIPT
-from structid.files.worker import fill_tree
 
 T = TypeVar("T")
 
@@ -163,6 +163,8 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
     ------
     ReaderError
         If the reader raised; the child is ended then.
+    RuntimeError
+        If it raised for a mistake of this package, which no file explains.
     FileError
         If the library crashed on the file, or did not come to an end; the message begins with `path`.
     """
@@ -177,6 +179,8 @@ def read_in_child(path: Path, reader: str, seconds: float | None = None, **optio
         answer = _ask_child(path, request, seconds)
         if answer.error is not None:
             end()  # damage may have left it in a state that the next file should not meet
+            if answer.error.kind == SLIP:
+                raise RuntimeError(f"the reader of {path} has a mistake: {answer.error}")
             raise answer.error
     return fill_tree(answer.tree, answer.arrays.__getitem__)
 

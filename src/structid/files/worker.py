@@ -27,6 +27,8 @@ if TYPE_CHECKING:  # it starts without them
 _DENSEST = 1032  # bytes that deflate can make of one
 _MOST_ENTRIES = 4096  # of an attribute that is kept
 _HEADROOM = 2**30
+#: Name of an error that a mistake of this package caused.
+SLIP = "slip"
 
 
 def plain(value: StoredEntry, arrays: list[np.ndarray]) -> JsonValue:
@@ -369,11 +371,22 @@ def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
                 raise ValueError("it holds arrays of neither numbers nor texts")
             answer = {"tree": tree, "arrays": [[array.dtype.str, list(array.shape)] for array in arrays]}
         except Exception as error:  # whatever a library raises on damage: it is told in the program
-            answer, arrays = {"error": type(error).__name__, "words": " ".join(str(error).split())[:300]}, []
+            name = SLIP if _is_slip(error) else type(error).__name__
+            answer, arrays = {"error": name, "words": " ".join(str(error).split())[:300]}, []
         answers.write(json.dumps(answer).encode("ascii") + b"\n")
         for array in arrays:
             answers.write(array.reshape(-1).view(np.uint8).data)
         answers.flush()
+
+
+def _is_slip(error: Exception) -> bool:
+    """True if a reader of this package itself raised an `error` that no content of a file explains."""
+    if not isinstance(error, AttributeError | NameError | TypeError | AssertionError):
+        return False
+    frame = error.__traceback__
+    while frame is not None and frame.tb_next is not None:
+        frame = frame.tb_next
+    return frame is not None and Path(frame.tb_frame.f_code.co_filename).parent == Path(__file__).parent
 
 
 def _limit_memory(path: str) -> None:

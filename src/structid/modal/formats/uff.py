@@ -347,9 +347,13 @@ def _turn_to_global_axes(
 ) -> None:
     """Turn `values` (mode, node, direction) of nodes with displacement systems of their own to global axes, in place.
 
-    Remarks are appended to `notes`. `FileError` if the directions measured at a node span more global axes than there
-    are of them. `universal` has the nodes' coordinate systems, `nodes` are the labels along the second axis.
+    A direction without motion was not measured, or, where rotations tell a computed shape, held. Nodes whose measured
+    directions span more global axes than there are of them are set to 0, so that they are left out; `FileError` if most
+    turned nodes are such. Remarks are appended to `notes`. `universal` has the nodes' coordinate systems, `nodes` are
+    the labels along the second axis.
     """
+    is_computed = bool(values[:, :, 3:].any())
+    oblique: list[tuple[int, int]] = []
     n_turned = 0
     for i, node in enumerate(nodes):
         axes = universal.axes(node)
@@ -358,17 +362,26 @@ def _turn_to_global_axes(
         n_turned += 1
         for part in (slice(0, 3), slice(3, 6)):
             motion = values[:, i, part]
-            measured = np.any(motion != 0, axis=0)
-            if not measured.any():
+            moving = np.any(motion != 0, axis=0)
+            if not moving.any():
                 continue
-            touched = np.any(np.abs(axes[measured]) > _ROUNDED, axis=0)
-            if touched.sum() > measured.sum():
-                raise FileError(
-                    f"{universal.path}: node {node} was measured in {int(measured.sum())} of the directions of its own coordinate"
-                    " system, which are along no global axes; export shapes in global axes, or all directions of the node, or give"
-                    ' `shape_axes = "named"` in [record.modes], and say by `direction` in [record.sensors] where such sensors point'
-                )
+            touched = np.any(np.abs(axes[moving]) > _ROUNDED, axis=0)
+            if touched.sum() > moving.sum() and not is_computed:
+                oblique.append((node, int(moving.sum())))
+                values[:, i, part] = 0.0
+                continue
             values[:, i, part] = motion @ np.where(touched, axes, 0.0)
+    if 2 * len(oblique) > n_turned:
+        node, count = oblique[0]
+        raise FileError(
+            f"{universal.path}: node {node} was measured in {count} of the directions of its own coordinate"
+            " system, which are along no global axes; export shapes in global axes, or all directions of the node, or give"
+            ' `shape_axes = "named"` in [record.modes], and say by `direction` in [record.sensors] where such sensors point'
+        )
+    if oblique:
+        labels = ", ".join(str(node) for node, _ in oblique[:5])
+        more = f" and {len(oblique) - 5} more" if len(oblique) > 5 else ""
+        notes.append(f"left out: nodes {labels}{more}, held or not measured along directions that are no global axes")
     if n_turned:
         notes.append(f"motions of {n_turned} nodes turned from their displacement systems to global axes")
 

@@ -420,7 +420,8 @@ def _bands(data: ScaledMotion, options: ModalOptions, notes: list[str]) -> tuple
     """
     if options.bands is not None:
         spectrum = singular_spectrum(data, options.segment or default_segment(data))
-        return tuple(_given_band(spectrum, *band, options, notes) for band in options.separate_bands)
+        top = data.sampling_rate / 2
+        return tuple(_given_band(spectrum, top, *band, options, notes) for band in options.separate_bands)
     spectrum, peaks = chosen_peaks(data, options)
     bands = automatic_bands(spectrum, peaks.tolist())
     listed = ", ".join(f"{b.low:.4g}-{b.high:.4g} Hz ({b.n_modes})" for b in bands)
@@ -428,14 +429,15 @@ def _bands(data: ScaledMotion, options: ModalOptions, notes: list[str]) -> tuple
     return bands
 
 
-def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptions, notes: list[str]) -> Band:
+def _given_band(
+    spectrum: Spectrum, top: float, low: float, high: float, options: ModalOptions, notes: list[str]
+) -> Band:
     """Band from `low` to `high` (Hz) with the frequencies (Hz) where its modes may be, one for each mode.
 
     These are the `options.frequencies` inside the band; without them its significant peaks and crests of the singular
     values, or else the line of the greatest first singular value, and a note on that is appended to `notes`.
-    `InputError` if the band reaches beyond the spectrum, or none of the frequencies lies in it.
+    `InputError` if the band reaches beyond `top` (Hz), half the sampling rate, or none of the frequencies lies in it.
     """
-    top = spectrum.frequency[-1]
     if high > top:
         raise InputError(f"`bands` must lie between 0 and {top:g} Hz, got ({low:g}, {high:g}); sample faster")
     if options.frequencies is not None:

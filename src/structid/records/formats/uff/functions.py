@@ -387,22 +387,28 @@ def qualifier_words(path: Path, blocks: Sequence[UffDataset], ordinals: Collecti
     """Note on exponential windows that dataset 1858 states for the functions `ordinals`; "" if there are none.
 
     `ordinals` count the functions of the file from 1. `blocks` are all datasets of the file; one of number 1858 belongs
-    to the function before it.
+    to the function before it, or behind it where the first one stands before all functions.
 
     Raises
     ------
     FileError
-        If one of these functions has an acoustic weighting, or its dataset 1858 is damaged.
+        If one of these functions has an acoustic weighting or is in octaves, or its dataset 1858 is damaged.
     """
-    ordinal, windowed = 0, 0
+    numbers = [block.number for block in blocks if block.number in (58, 1858)]
+    ordinal, windowed = int(numbers[:1] == [1858]), 0
     for block in blocks:
         ordinal += block.number == 58
         if block.number != 1858 or ordinal not in ordinals or len(block.lines) < 2:
             continue
         try:
+            octave = ([int(word) for word in block.lines[0].split()] + [0, 0])[1]
             weighting, window = integers(block.lines[1], (6,) * 12)[:2]
         except ValueError as error:
             raise FileError(f"{path}: dataset {block.ordinal} (1858) is damaged ({error}); export it again") from error
+        if octave:
+            raise FileError(
+                f"{path}: function {ordinal} is in 1/{octave} octaves (dataset 1858); export it line by line"
+            )
         if weighting in _WEIGHTINGS:
             raise FileError(
                 f"{path}: function {ordinal} has {_WEIGHTINGS[weighting]} weighting (dataset 1858), as sound levels have; export it"
