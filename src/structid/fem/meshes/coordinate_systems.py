@@ -56,7 +56,8 @@ class CoordinateSystem:
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
     """Axes x, y, z as rows (3, 3) of a coordinate system given by three points (3,); None if they lie on a line.
 
-    These are its origin, a point on z, and one in the half plane of z and positive x.
+    Only a cross product of exactly 0 counts as a line. The points are its origin, a point on z, and one in the half
+    plane of z and positive x.
     """
     z = on_z - origin
     y = np.cross(z, in_xz - origin)
