@@ -12,16 +12,16 @@ from scipy.io import loadmat, mmread
 from scipy.linalg import eigh
 
 from structid.core.errors import FileError
-from structid.fem import PointMass, RigidLink, Shell, Solid, SpaceBeam, Spring, Structure
+from structid.fem import Beam, PointMass, RigidLink, Shell, Solid, SpaceBeam, Spring, Structure
 from structid.fem.importers import read_matrices, read_matrix, read_numbering
 from structid.fem.meshes import read_mesh
 from structid.modal.formats.files import read_modes
 from structid.modal.formats.options import ModeFileOptions
 from structid.prediction.identified_model import identified_model
-from structid.prediction.predict import predict
+from structid.prediction.predict import parameter_points, predict
 from structid.prediction.quantities import NaturalModes
 from structid.study.results.stored_model import ParameterSpread
-from structid.study.run.exports import export_matrices, export_mesh, export_modes, matrix_files, model_modes
+from structid.study.run.exports import export_matrices, export_mesh, export_modes, matrix_files, model_modes, modes_covariance
 from structid.unknowns import Unknown, parameters
 
 STD, RATIO = 0.02, {"deck": 0.9, "post": 1.1, "spring": 1.3}
@@ -164,6 +164,29 @@ def test_modes_read_by_pyuff_and_from_the_columns_of_a_punch_file(model, tmp_pat
     again = read_modes(tmp_path / "table.pch", ModeFileOptions(length_unit="m"))
     np.testing.assert_allclose(again.frequency, computed.frequency, rtol=1e-7)
     assert len(again.channels) > 3 * 13
+
+
+@pytest.mark.parametrize("force", [-10.0, 10.0])
+def test_an_axial_force_of_either_sign_moves_by_its_deviation(force):
+    """Points of a reduction, and deviations of exported modes beside those of random models."""
+    beam = Beam("mast", [[i, i + 1] for i in range(4)], mass=6.0, bending_stiffness=200.0, axial_force=force)
+    structure = Structure({i: 0.5 * i for i in range(5)}, [beam], fixed=["0Y", "0RZ"])
+    unknown = parameters(structure, [Unknown("axial_force", "mast")])
+    made = identified_model(structure, unknown, unknown.start, np.array([[4.0]]))
+    nominal, moved = (point.tolist() for point in parameter_points(made))
+    assert (nominal, [abs(moved[0] - force)]) == ([force], [pytest.approx(4.0)])
+    drawn = predict(made, NaturalModes(2), n_draws=300).std[:, 0]
+    np.testing.assert_allclose(np.sqrt(np.diag(modes_covariance(made, 2)))[:2], drawn, rtol=0.15)
+
+
+def test_a_vague_positive_parameter_stays_positive_at_the_points_of_a_reduction():
+    sets = [PointMass("m", [1], mass=2.0), Spring("k", "1X", stiffness=8e3)]
+    structure = Structure({1: 0.0}, sets, active=["X"])
+    for limits in ({}, {"bounds": (1.0, 1e5)}):
+        unknown = parameters(structure, [Unknown("stiffness", "k", **limits)])
+        made = identified_model(structure, unknown, unknown.start, np.array([[8e3**2]]))
+        signs = [made.moved_parameters(np.array([z])).item() for z in (-2.0, 2.0)]
+        assert sorted(signs) == pytest.approx([8.0, 24e3])
 
 
 def _punched(path):

@@ -19,6 +19,8 @@ from structid.unknowns.tolerances import Tolerances, fixed_properties
 _ANY = Tolerances(1.0, 1.0, 1.0, 1.0)
 #: Standard deviation, in parts of a value, from which on it is drawn along a straight line.
 _VAGUE = 0.5
+#: A positive parameter is moved to no less than this part of its value.
+_LEAST = 1e-3
 #: Random models that are tried for one within all limits.
 _MOST_TRIALS = 200
 
@@ -66,6 +68,14 @@ class IdentifiedModel:
         along_line = self.physical + self.parameters.slope(theta) * moves
         return np.where(self._is_vague, along_line, transforms.physical(np.where(self._is_vague, theta, theta + moves)))
 
+    def moved_parameters(self, z: FloatArray) -> FloatArray:
+        """`parameters_at(z)`, but no positive parameter below 0.001 of its identified value: models that can be computed.
+
+        Parameters of either sign, such as axial forces, are not limited.
+        """
+        moved = self.parameters_at(z)
+        return np.where(self._lower >= 0, np.maximum(moved, _LEAST * self.physical), moved)
+
     def draw_parameters(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Random physical parameters within the uncertainty and the limits, (n_draws, n_params).
 
@@ -76,13 +86,11 @@ class IdentifiedModel:
         NoAnswerError
             If fewer than `n_draws` of 200 times as many random models lie within the limits.
         """
-        transforms = self.parameters.transforms
-        positive = np.array([kind == "log" for kind in transforms.kinds])
-        lower = np.where(positive, 0.0, transforms.bounds[:, 0])
+        lower, upper = self._lower, self.parameters.transforms.bounds[:, 1]
         drawn: list[FloatArray] = []
         for _ in range(_MOST_TRIALS * n_draws):
             physical = self.parameters_at(rng.standard_normal((self.factor.shape[1],)))
-            if ((physical > lower) & (physical < transforms.bounds[:, 1])).all():
+            if ((physical > lower) & (physical < upper)).all():
                 drawn.append(physical)
                 if len(drawn) == n_draws:
                     return np.stack(drawn)
@@ -91,6 +99,12 @@ class IdentifiedModel:
             f"{', '.join(vague)} are known so badly that nearly every model within their uncertainty is impossible; fix them, give"
             " priors, or measure more places, and identify again"
         )
+
+    @property
+    def _lower(self) -> FloatArray:
+        """Lower limits (n_params,): 0 of positive parameters, minus infinity of those without any."""
+        transforms = self.parameters.transforms
+        return np.where(np.array(transforms.kinds, dtype=object) == "log", 0.0, transforms.bounds[:, 0])
 
     @property
     def _is_vague(self) -> np.ndarray:

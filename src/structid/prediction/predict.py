@@ -364,13 +364,12 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
 def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     """Physical parameters, (n_params,) each, for a reduction: the identified ones, and up to 12 sets that are off.
 
-    Each of these is off by two standard deviations of one of the largest independent errors of `model`, but no value is
-    below 0.001 of the identified one.
+    Each of these is off by two standard deviations of one of the largest independent errors of `model`, but no positive
+    value is below 0.001 of the identified one.
     """
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
-    moved = (np.maximum(model.parameters_at(z), 1e-3 * model.physical) for z in lines)
-    return [model.physical, *moved]
+    return [model.physical, *map(model.moved_parameters, lines)]
 
 
 def _predict_all(

@@ -535,14 +535,13 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
 def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
     """Covariance of frequencies (Hz), then damping ratios, of the lowest modes, (2 n_modes, 2 n_modes), to first order.
 
-    Parameters are moved along each column of a factor of their covariance, which is one standard deviation; a moved
-    parameter is at least 0.1 % of its magnitude. Modes are matched by their shapes, in the order of the identified
+    Parameters are moved along each column of a factor of their covariance, which is one standard deviation; a positive
+    one is moved to no less than 0.1 % of its value. Modes are matched by their shapes, in the order of the identified
     model.
     """
     structure, n_factors = model.structure, model.factor.shape[1]
     evaluate = NaturalModes(n_modes).evaluator(structure, model.parameters, [model.physical])
-    least = 1e-3 * np.abs(model.physical)
-    moved = [np.maximum(model.parameters_at(z), least) for z in np.eye(n_factors)]
+    moved = map(model.moved_parameters, np.eye(n_factors))
     nominal = evaluate(model.physical).real
     changes = np.array([(evaluate(physical).real - nominal).T.ravel() for physical in moved]).reshape(
         n_factors, 2 * n_modes
