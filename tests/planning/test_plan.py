@@ -494,6 +494,12 @@ def test_record_that_is_not_there_yet_is_left_out(tmp_path):
     assert study.options.installed_sensors == ()
 
 
+def test_declared_noise_of_a_record_that_is_not_there_yet_counts(tmp_path):
+    study = load_plan(written(tmp_path, replaced("relative = 0.01", "relative = 0.2")))
+    assert study.options.relative_noise == 0.2
+    assert not any("no noise is given" in note for note in study.notes)
+
+
 #: Channel 7X reads mass 2, and 3X mass 1 from the other side.
 AIMED = '[record.sensors]\n"7X" = { node = 2 }\n"3X" = { node = 1, direction = [-1.0, 0.0, 0.0] }\n'
 

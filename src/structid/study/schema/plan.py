@@ -25,7 +25,7 @@ from structid.records import FrfRecord
 from structid.records.noise_floor import missing_floor
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure, read_tolerances
-from structid.study.schema.records.record import NoiseSource, load_record, read_source
+from structid.study.schema.records.record import NoiseSource, declared_noise, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.section import InputFiles, Section, read_root, record_sections, title_of
 from structid.study.schema.tables import COUNT, NOISE_PART, NUMBERS, RANGE, Given, Key, as_list, choice, table_of
@@ -142,17 +142,17 @@ def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple
 def _read_record(
     section: Section | None, files: InputFiles, structure: Structure, aimed: Mapping[str, str]
 ) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
-    """The FRF record that ``[record]`` describes, its declared noise, and notes; None and no noise if not usable yet.
+    """The FRF record that ``[record]`` describes, its declared noise, and notes; None in place of a record not usable yet.
 
-    That is so without a section, without the record's file, or for measured modes: what the section declares as noise
-    is not read then. `aimed` gives the structure's names of aimed sensors.
+    That is so without a section, without the record's file, or for measured modes. `aimed` gives the structure's names
+    of aimed sensors.
     """
     if section is None:
         return None, NoiseSource(), ()
     names = [name for key in ("path", "repeats") for name in as_list(section.table.get(key, []))]
     missing = [name for name in names if not (section.source.path.parent / str(name)).exists()]
     if missing:
-        return None, NoiseSource(), (f"the record {missing[0]} is not there yet: planned without it",)
+        return None, declared_noise(section), (f"the record {missing[0]} is not there yet: planned without it",)
     described = read_source(section, files, aimed, structure.base_supports)
     if described.modes is not None:
         return None, NoiseSource(), ("the record holds modes: planned without it",)

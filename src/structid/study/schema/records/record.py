@@ -208,13 +208,12 @@ def read_source(
         values["csv"] = laid_out.read(CsvLayout)
     with section.located():
         options = ReadOptions(**{name: value for name, value in values.items() if name in option_names})
-    averaged = key == "repeats" and frf is None
     time = None if timed is None else record_kinds.read_time(timed)
     if time is not None and section.section("noise") is not None:
         raise section.error(
             "is of frequency responses; with [record.time], `noise` or `relative_noise` there says the noise", "noise"
         )
-    channels, noise = ChannelSource(used, values.get("relabel", {}), called, supports), _read_noise(section, averaged)
+    channels, noise = ChannelSource(used, values.get("relabel", {}), called, supports), declared_noise(section)
     decay, leakage = values.get("window_decay"), values.get("leakage")
     if leakage is not None and time is not None:
         raise section.error("is of averaged segments; [record.time] fits histories as they are", "leakage")
@@ -225,12 +224,15 @@ def read_source(
     )
 
 
-def _read_noise(section: Section, repeats: bool) -> NoiseSource:
-    """The noise that ``[record.noise]`` declares; no noise without that section.
+def declared_noise(section: Section) -> NoiseSource:
+    """The noise that ``[record.noise]`` in the `section` of a record declares; no noise without it. Reads no file.
 
-    `repeats` is True if the noise comes from repeats. `StudyError` if the section states no noise, declares it and
-    takes it from coherence too, or stands beside repeats.
+    Raises
+    ------
+    StudyError
+        If it states no noise, declares it and takes it from coherence too, or stands beside repeats that give it.
     """
+    repeats = "repeats" in section.table and "frf" not in section.table
     inner = section.section("noise")
     if inner is None:
         return NoiseSource()
