@@ -4,8 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs, renamed
+from structid.core.dof import DIRECTIONS, Dof, is_whole_number, parse_dof, parse_dofs, renamed
 from structid.core.errors import InputError
+from structid.dynamics.factorization import usable_threads
+from structid.prediction.recovery import parse_output
 
 dofs = st.builds(Dof, st.integers(0, 10**9), st.sampled_from(DIRECTIONS), st.sampled_from((1, -1)))
 
@@ -82,3 +84,30 @@ def test_swapped_sensors_get_each_others_names_and_keep_their_senses():
 def test_names_that_cannot_be_given_are_refused(given, words):
     with pytest.raises(InputError, match=words):
         renamed(parse_dofs(["3Z-", "5Z+"]), parse_dofs(["3Z+"]), given)
+
+
+@pytest.mark.parametrize(
+    "text, is_whole",
+    [
+        ("12", True),
+        ("²", False),
+        ("1²", False),
+        ("", False),
+        ("-1", False),
+        ("1.0", False),
+        ("9" * 15, True),
+        ("9" * 16, False),
+        ("9" * 5000, False),
+    ],
+)
+def test_a_whole_number_is_what_int_reads(text, is_whole):
+    assert is_whole_number(text) == is_whole
+    assert not is_whole or int(text) >= 0
+
+
+def test_numbers_that_int_refuses_are_refused_by_name(monkeypatch):
+    monkeypatch.setenv("STRUCTID_THREADS", "²")
+    with pytest.raises(InputError, match="STRUCTID_THREADS must be a positive whole number"):
+        usable_threads(5)
+    with pytest.raises(InputError, match="is at a node"):
+        parse_output("M[deck:1@²]")

@@ -75,6 +75,7 @@ def test_predict_tells_what_a_change_does(results, tmp_path):
     [
         (["--mass", "one@2"], "--mass must hold numbers"),
         (["--mass", "5"], "a mass and a node, as 5@12"),
+        (["--mass", "5@²"], "a mass and a node, as 5@12, got '5@²'"),
         (["--mass", "5@99"], "no node 99"),
         (["--scale", "stiffness"], "a property and a factor"),
         (["--damper", "5@2X"], "kg, Hz, damping ratio and a place"),

@@ -21,7 +21,14 @@ from structid.prediction.identified_model import identified_model
 from structid.prediction.predict import parameter_points, predict
 from structid.prediction.quantities import NaturalModes
 from structid.study.results.stored_model import ParameterSpread
-from structid.study.run.exports import export_matrices, export_mesh, export_modes, matrix_files, model_modes, modes_covariance
+from structid.study.run.exports import (
+    export_matrices,
+    export_mesh,
+    export_modes,
+    matrix_files,
+    model_modes,
+    modes_covariance,
+)
 from structid.unknowns import Unknown, parameters
 
 STD, RATIO = 0.02, {"deck": 0.9, "post": 1.1, "spring": 1.3}

@@ -230,6 +230,7 @@ def tuned_damper_words(told):
         ([{"kind": "paint"}], "a change must be one of mass, scale"),
         ([{"kind": "mass", "node": 2}], "mass: `mass` must be given"),
         ([{"kind": "mass", "node": "two", "mass": 1.0}], "`node` must be a number of a node, got 'two'"),
+        ([{"kind": "mass", "node": "²", "mass": 1.0}], "`node` must be a number of a node, got '²'"),
         ([{"kind": "mass", "node": 7, "mass": 1.0}], "no node 7"),
         ([{"kind": "support", "dof": "9X"}], "9X"),
         ([{"kind": "remove", "name": "deck"}], "no element set 'deck'"),

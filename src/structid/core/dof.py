@@ -133,6 +133,11 @@ def parse_dofs(texts: Iterable[str | Dof], argument: str = "") -> tuple[Dof, ...
         return tuple(parse_dof(text) for text in ([texts] if isinstance(texts, str) else texts))
 
 
+def is_whole_number(text: str) -> bool:
+    """True if `text` is 1 to 15 digits, as numbers of nodes are; `int` refuses some signs that count as digits, such as ``²``."""
+    return text.isdecimal() and len(text) <= 15
+
+
 def dofs_of_text(text: str | Dof) -> list[Dof]:
     """Degrees of freedom that a text names: ``1X-`` is one, ``1 X RZ`` two of node 1, and ``1`` all six of node 1.
 
@@ -146,7 +151,7 @@ def dofs_of_text(text: str | Dof) -> list[Dof]:
         several = _SEVERAL.match(text)
         if several:
             words = [several[1] + direction for direction in several[2].split()]
-        elif text.strip().isdigit():
+        elif is_whole_number(text.strip()):
             words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
     return [_parsed(word, ', or a whole node, as in "12"') for word in words]
 

@@ -26,6 +26,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from structid.core.arrays import FloatArray, IntArray, NumberArray, with_entries
+from structid.core.dof import is_whole_number
 from structid.core.errors import InputError
 
 __all__ = [
@@ -147,7 +148,7 @@ def usable_threads(n: int) -> int:
     """
     text = os.environ.get(THREADS_VARIABLE)
     if text is not None:
-        if not text.isdigit() or int(text) < 1:
+        if not is_whole_number(text) or int(text) < 1:
             raise InputError(f"environment variable {THREADS_VARIABLE} must be a positive whole number, got {text!r}")
         return int(text)
     if n < 20_000:

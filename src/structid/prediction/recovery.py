@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.dof import Dof, parse_dof
+from structid.core.dof import Dof, is_whole_number, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.blocks import Blocks
@@ -323,7 +323,7 @@ def parse_output(text: str | Output) -> Output:
         raise InputError(
             f"{text}: elements have {', '.join((*_FORCES, 'strain', 'stress', *_STRESSES))}, got {what}; write {_EXAMPLES}"
         )
-    if not where.isdigit():
+    if not is_whole_number(where):
         surfaces = ", or stress_xx, stress_yy, stress_xy or von_mises" if where in _SURFACES else ""
         raise InputError(
             f"{text}: {what} is at a node, as in {what}[{_element_words(name, number)}@12]{surfaces}; got {where!r}"

@@ -93,12 +93,13 @@ def _changes(
     Masses are ``KG@NODE``, scales ``PROPERTY=FACTOR``, dampers ``KG,HZ,RATIO@DOF``; `supports` name degrees of freedom,
     `removed` element sets.
     """
+    from structid.core.dof import is_whole_number
     from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Remove, Scale
 
     changes: list[Change] = []
     for text in masses:
         kg, at, node = text.partition("@")
-        if not (at and node.isdigit()):
+        if not (at and is_whole_number(node)):
             raise InputError(f"--mass must be a mass and a node, as 5@12, got {text!r}")
         changes.append(AddMass(int(node), _number("--mass", kg)))
     for text in scales:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import IntArray
-from structid.core.dof import Dof, parse_dof
+from structid.core.dof import Dof, is_whole_number, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.fem.importers.bulk_lines import BulkLines, bulk_lines
 from structid.fem.importers.imported import dofs_of
@@ -157,7 +157,7 @@ def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
 
 def _whole(lines: BulkLines, text: str) -> int:
     """Label of the grid point `text`; `FileError` if it is no whole number."""
-    if not text.isdigit():
+    if not is_whole_number(text):
         raise FileError(f"{lines.path}: must have a grid point's number in its set, got {text!r}; correct the card")
     return int(text)
 

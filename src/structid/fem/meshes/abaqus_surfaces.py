@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.dof import is_whole_number
 from structid.fem.elements.cells import CELLS, CellShape
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock
@@ -116,7 +117,7 @@ class Surfaces:
         """
         owner, dot, bare = word.strip('"').rpartition(".")
         holder = self._assembly.scope(owner) if dot else scope
-        if bare.isdigit():
+        if is_whole_number(bare):
             return [(holder, int(bare))]
         key = bare.upper()
         if holder is self._assembly.own and key in self._assembly.cell_sets:
@@ -146,7 +147,7 @@ class Surfaces:
         if kind in _SHELLS and side in _SIDES:
             return tuple(nodes), True
         solid = kind.rstrip("0123456789")
-        number = int(side[1:]) - 1 if side[:1] == "S" and side[1:].isdigit() else -1
+        number = int(side[1:]) - 1 if side[:1] == "S" and is_whole_number(side[1:]) else -1
         if solid not in _FACES or not 0 <= number < len(_FACES[solid]):
             raise ValueError(f"face {side} of element {label} ({name}) is not read")
         corners = _FACES[solid][number]

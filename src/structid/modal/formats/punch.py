@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import NumberArray
+from structid.core.dof import is_whole_number
 from structid.core.errors import FileError
 from structid.files.uff.datasets import real_number
 from structid.modal.formats.printed import (
@@ -137,7 +138,7 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
                 raise FileError(f"{path}, line {number}: goes on with a point that has not begun; the file is damaged")
             values.extend(fields)
             continue
-        if not label.isdigit():
+        if not is_whole_number(label):
             raise FileError(
                 f"{path}, line {number}: {label[:20]!r} is no label of a point; the file is damaged, {RUN_AGAIN}"
             )

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import NumberArray
-from structid.core.dof import DIRECTIONS, Dof
+from structid.core.dof import DIRECTIONS, Dof, is_whole_number
 from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
 from structid.files.uff.datasets import UffDataset, integers, read_blocks, read_reals, read_unit_factors
@@ -490,7 +490,7 @@ def _read_nodes(
     nodes: dict[int, NDArray[np.complex128]] = {}
     for line_index in range(begin, len(lines), step):
         words = lines[line_index].split()
-        if len(words) != 1 or not words[0].isdigit():
+        if len(words) != 1 or not is_whole_number(words[0]):
             raise FileError(
                 f"{where} must have a node number in line {line_index + 1}, got {lines[line_index].strip()[:60]!r}; export it again"
             )

@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.core.arrays import arrays_to_tuples
 from structid.core.constraints import require_band
+from structid.core.dof import is_whole_number
 from structid.core.errors import InputError
 from structid.modal.method import ModalOptions
 from structid.modal.poles.poles import HardCriteria
@@ -75,7 +76,7 @@ class ModesOptions:
                 raise InputError(f"`{name}` must be greater than 0 Hz, got {list(value)}")
         if isinstance(self.orders, str):
             object.__setattr__(self, "orders", _orders(self.orders))
-        if isinstance(self.detrend, str) and self.detrend.isdigit():
+        if isinstance(self.detrend, str) and is_whole_number(self.detrend):
             object.__setattr__(self, "detrend", int(self.detrend))
         if self.band is not None:
             require_band("band", self.band)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.dof import Dof, as_dof, parse_dof, parse_dofs
+from structid.core.dof import Dof, as_dof, is_whole_number, parse_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, even_ramp, require_same_rotation
@@ -175,7 +175,7 @@ def choose_columns(path: Path, wanted: Sequence[str | int], names: Sequence[str]
         if len(matches) > 1:
             those = ", ".join(str(numbers[j]) for j in matches)
             raise InputError(f"{path}: {len(matches)} columns are called {text!r}; choose by their numbers {those}")
-        if not matches and text.isdigit():
+        if not matches and is_whole_number(text):
             matches = [j for j, number in enumerate(numbers) if number == int(text)]
         if not matches:
             known = ", ".join(f"{number} {name!r}" for number, name in zip(numbers, names, strict=True))

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.display import join_words
+from structid.core.dof import is_whole_number
 from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
 from structid.external.deck import WIDTH, number_text
@@ -292,7 +293,7 @@ def _property_numbers(source: _DeckModel, element: str) -> list[int]:
     no property.
     """
     group = source.group_of[element]
-    by_number = {key: rows for key, rows in source.mesh.groups.items() if key.isdigit()}
+    by_number = {key: rows for key, rows in source.mesh.groups.items() if is_whole_number(key)}
     if group is None:
         return sorted(int(key) for key in by_number)
     rows = source.mesh.groups[group]
@@ -309,7 +310,7 @@ def _mat1_numbers(source: _DeckModel, element_property: ElementValues, numbers: 
     for name, fields in _PROPERTY_CARDS.items():
         for card in cards_in(source.name, source.text, name):
             for field in fields:
-                if _field(card, field).isdigit() and card.first.isdigit():
+                if is_whole_number(_field(card, field)) and is_whole_number(card.first):
                     users.setdefault(int(_field(card, field)), set()).add(int(card.first))
     materials = sorted(material for material, of in users.items() if of & set(numbers))
     without = set(numbers) - {number for of in users.values() for number in of}

@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, thin_band, thin_curve
 from structid.core.constraints import split_commas
-from structid.core.dof import parse_dofs
+from structid.core.dof import is_whole_number, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
 from structid.fem import Base
@@ -133,7 +133,7 @@ def _require(change: Mapping[str, Any], keys: Sequence[str]) -> None:
 def _node(stated: Any) -> int:
     """Node label as an integer from `stated`, a text that the page sends; `InputError` if it is no number."""
     text = str(stated).strip()
-    if not text.isdigit():
+    if not is_whole_number(text):
         raise InputError(f"`node` must be a number of a node, got {stated!r}")
     return int(text)
 
