@@ -134,6 +134,9 @@ def test_solids_have_a_set_a_group_or_one_where_groups_leave_cells_out(lower, se
         ["--set", "length"],
         ["--set", "support=glued"],
         ["--set", "elements=99999"],
+        ["--set", "elements=inf"],
+        ["--set", "elements=1e999"],
+        ["--set", "elements=nan"],
         ["--set", "length=inf"],
     ],
 )

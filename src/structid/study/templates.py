@@ -119,7 +119,7 @@ def asked_value(question: TemplateQuestion, answer: str) -> float | int | str:
     except ValueError:
         raise InputError(f"{question.name} must be a number, as in {question.default}, got {text!r}") from None
     if isinstance(question.default, int):
-        if number != int(number) or not 1 <= number <= 2000:
+        if not (number.is_integer() and 1 <= number <= 2000):
             raise InputError(f"{question.name} must be a whole number from 1 to 2000, got {text}")
         return int(number)
     if not 0 < number < float("inf"):
