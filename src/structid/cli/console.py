@@ -186,23 +186,29 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
 
 
 def _bars(bar: Progress) -> ShowProgress:
-    """Function that shows progress as one bar of `bar` on a terminal, that of the task that began last.
+    """Function that shows progress as one bar of `bar` on a terminal, that of the task that was named last.
 
     Until its first call the bar says that the study is read and checked.
     """
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
+    steps: dict[str, int] = {}
+    shown = ""
 
     def show(name: str, done: int, total: int | None, words: str) -> None:
-        """Show a bar for the task `name`, and hide those of earlier tasks, at its first call; update its bar later.
+        """Show and update the bar of the task `name`, and hide that of another task.
 
-        `done` of `total` steps are finished (`total` None if unknown); `words` are the text of the bar. An earlier task
-        that is named again stays hidden.
+        `done` of `total` steps are finished (`total` None if unknown); `words` are the text of the bar. The clock of a
+        task starts anew where fewer steps are finished than before.
         """
+        nonlocal shown
         if name not in tasks:
-            for task in tasks.values():
-                bar.update(task, visible=False)
             tasks[name] = bar.add_task(name, total=total)
-        bar.update(tasks[name], completed=done, total=total, description=words)
+        elif done < steps[name]:
+            bar.reset(tasks[name])
+        if name != shown:
+            bar.update(tasks[shown], visible=False)
+        shown, steps[name] = name, done
+        bar.update(tasks[name], completed=done, total=total, description=words, visible=True)
 
     return show
 
