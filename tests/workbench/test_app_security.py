@@ -234,6 +234,11 @@ def test_names_of_dropped_files_are_harmless(name):
     assert clean.endswith((".toml", ".npz"))
 
 
+def test_the_suffix_of_a_long_name_stays():
+    assert upload_name("a" * 300 + ".npz") == "a" * 116 + ".npz"
+    assert upload_name("a" * 115 + ". b.NPZ") == "a" * 115 + ".NPZ"
+
+
 def test_another_folder_is_opened_behind_a_token_of_its_own(bench):
     """Neither reaches what the other holds; only a folder that was asked for is opened."""
     other = bench[1].parent / "other"
@@ -305,6 +310,12 @@ def test_of_a_folder_of_very_many_files_some_are_looked_at_and_that_is_told(tmp_
     monkeypatch.setattr("structid.workbench.folder._MOST", 5)
     assert (len(place.listing()["studies"]), place.listing()["most"]) == (5, 5)
     assert sorted(place.stamps()) == [f"{k:02}.toml" for k in range(5)]
+
+
+def test_a_study_whose_suffix_is_in_capitals_is_listed_and_watched(tmp_path):
+    (tmp_path / "FRAME.TOML").write_text('title = "one"\n[structure]\n', encoding="utf-8")
+    place = open_study_folder(tmp_path)
+    assert [one["path"] for one in place.listing()["studies"]] == list(place.stamps()) == ["FRAME.TOML"]
 
 
 def test_titles_and_names_are_told_as_texts(bench):

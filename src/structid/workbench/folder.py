@@ -150,7 +150,7 @@ class OpenFolder:
         """
         stamps = {}
         for path, _ in self._files()[0]:
-            if path.suffix == ".toml":
+            if path.suffix.lower() == ".toml":
                 with suppress(OSError):
                     stat = path.stat()
                     stamps[_shown_name(self.name(path))] = f"{stat.st_mtime_ns} {stat.st_size}"
@@ -362,18 +362,17 @@ def typed_folder(text: str) -> Path:
 
 
 def upload_name(name: str) -> str:
-    """Safe file name for an uploaded file: no folders, other signs replaced by "_", cut after 120 characters.
+    """Safe file name for an uploaded file: no folders, other signs replaced by "_", cut to 120 characters before its suffix.
 
     Raises
     ------
     InputError
-        If nothing is left, or a study reads no files of the suffix, also where it stood behind the 120 characters.
+        If nothing is left, or a study reads no files of the suffix.
     """
-    clean = re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" .")[:120]
-    suffix = Path(clean).suffix.lower()
-    if not clean or suffix not in (*RECORD_SUFFIXES, *MODEL_SUFFIXES, ".toml", ".json", ".txt"):
+    clean = Path(re.sub(r"[^\w .()+-]", "_", name.replace("\\", "/").rpartition("/")[2]).strip(" ."))
+    if clean.suffix.lower() not in (*RECORD_SUFFIXES, *MODEL_SUFFIXES, ".toml", ".json", ".txt"):
         raise InputError(f"{name}: a file of this kind is no study, record, mesh or matrix; convert it first")
-    return clean
+    return clean.stem[: 120 - len(clean.suffix)].rstrip(" .") + clean.suffix
 
 
 def _shown_name(name: str) -> str:
