@@ -28,6 +28,8 @@ def test_channels_come_the_worst_first_with_what_was_measured_and_fitted(tmp_pat
     assert [one["name"] for one in modelled["channels"]] == [
         f"{output} / {load}" for output in fit.problem.record.outputs for load in fit.problem.record.inputs
     ]
+    absent = json.loads(answer_json("modelled", str(tmp_path), {"study": "chain.toml", "number": 1}))
+    assert absent == {"error": "the study has 1 record and none of number 2; it was changed since"}
     initial = np.abs(fit.predicted_initial).reshape(len(fit.predicted_initial), -1)
     for k, one in enumerate(modelled["channels"]):
         np.testing.assert_allclose(row(one["magnitude"]), initial[:, k], rtol=1e-6)

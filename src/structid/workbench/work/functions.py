@@ -210,8 +210,10 @@ def _model_magnitudes(opened: OpenFolder, study: str, number: int = 0) -> Stored
     from structid.study.run.start import prepare_study
     from structid.study.schema.study import load_study
     from structid.workbench.work.answer import initial_responses
+    from structid.workbench.work.scene import require_record
 
     ready = prepare_study(load_study(opened.inside(study), work=LOOKING))
+    require_record(len(ready.setups), number)
     return initial_responses(ready.setups[number], ready.problems[number], ready.study.options)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from structid.core.arrays import IntArray
 from structid.core.constraints import parameter_descriptions
+from structid.core.display import plural
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import StoredEntry
@@ -110,14 +111,22 @@ def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSour
     return root, read_source(record, files, aimed, structure.base_supports)
 
 
+def require_record(n_records: int, number: int) -> None:
+    """Raise `InputError` if a study of `n_records` records has none of index `number`, from 0."""
+    if not 0 <= number < n_records:
+        raise InputError(
+            f"the study has {plural(n_records, 'record')} and none of number {number + 1}; it was changed since"
+        )
+
+
 def _record(root: Section, number: int) -> Section | None:
     """Section of record `number` (counted from 0) of a study; None if the study has no records.
 
     Raises `InputError` if it has records, but none of this number. `root` is the top section of the study.
     """
     listed = record_sections(root)
-    if not 0 <= number < max(len(listed), 1):
-        raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")
+    if listed or number != 0:
+        require_record(len(listed), number)
     return listed[number] if listed else None
 
 
