@@ -29,8 +29,8 @@ DONE, NOT_DETERMINED, UNUSABLE_INPUT, WRONG_MODEL, INTERRUPTED = 0, 1, 2, 3, 130
 #: What each exit code means, in the words of the help.
 EXIT_CODES = {
     DONE: "done",
-    NOT_DETERMINED: "the search failed or the data do not determine the answer (results are written, the reason is on"
-    " stderr)",
+    NOT_DETERMINED: "the search failed or the data do not determine the answer (the reason is on stderr; results are"
+    " written where there are any)",
     UNUSABLE_INPUT: "the input cannot be used or the disk is full",
     WRONG_MODEL: "the model does not explain the record (results are written and marked)",
     INTERRUPTED: "interrupted",

@@ -92,8 +92,10 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     ------
     FileError
         If the folder's estimate.h5 is missing, damaged, of another study or of another version.
+    NoAnswerError
+        If the data do not determine the model.
     InputError
-        If the data do not determine the model, or the search gave no covariance.
+        If the search gave no covariance.
     """
     path = folder / "estimate.h5"
     form = hdf5_attributes(require_readable(path)).get("@format", ("none",))[0]
@@ -123,7 +125,7 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     try:
         return identified_model(study.structure, parameters, values, spread, fixed, changes, words)
     except NoAnswerError as error:
-        raise InputError(f"{folder}: {error}") from error
+        raise NoAnswerError(f"{folder}: {error}") from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,9 @@ def write_exports(
     FileError
         If a file exists already and `force` is not set, a suffix is of no format, or the folder is of another version.
     InputError
-        If the model has no such content or is not determined, two files are one, or an option cannot be used.
+        If the model has no such content, two files are one, or an option cannot be used.
+    NoAnswerError
+        If the data do not determine the model.
     """
     for path in files.paths:
         if files.paths.count(path) > 1:

@@ -127,7 +127,9 @@ def predict_study(
     Raises
     ------
     InputError
-        If the folder, its study, a place or a change cannot be used, or the data do not determine the model.
+        If the folder, its study, a place or a change cannot be used.
+    NoAnswerError
+        If the data do not determine the model.
     """
     return predict_stored(stored_study(folder, study), folder, options, changes)
 
@@ -143,9 +145,11 @@ def predict_stored(
     Raises
     ------
     InputError
-        If an option cannot be used with the others or with this model, or the model is not determined.
+        If an option cannot be used with the others or with this model.
     FileError
         If a file of the folder or of the loads is missing, damaged or of another version.
+    NoAnswerError
+        If the data do not determine the model.
     """
     model = stored_model(folder, source)
     structure, parameters = changed_model(model.structure, model.parameters, changes)

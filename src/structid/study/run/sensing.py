@@ -41,9 +41,9 @@ def sense_record(
     Raises
     ------
     InputError
-        If the folder, the record or a channel cannot be used, or the identification did not determine the model.
+        If the folder, the record or a channel cannot be used.
     NoAnswerError
-        If the sensors do not determine the motion.
+        If the identification did not determine the model, or the sensors do not determine the motion.
     """
     if not split_commas(options.wanted):
         raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")

@@ -45,7 +45,7 @@ def identified_scene(folder: Path) -> dict[str, StoredEntry]:
     ------
     FileError
         If the folder is of another version, its study has changed, or its estimate.json cannot be used.
-    InputError
+    NoAnswerError
         If the data do not determine the model.
     """
     study = stored_study(folder)

@@ -50,7 +50,7 @@ def use_facts(folder: Path) -> dict[str, StoredEntry]:
     ------
     FileError
         If the folder is of another version, or its study has changed.
-    InputError
+    NoAnswerError
         If the data do not determine the model.
     """
     study = stored_study(folder)
