@@ -202,15 +202,15 @@ def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> F
     line `position` must not lie. All points are (3,), in one unit.
     """
     if form == "R":
-        directions = axes_of_points(np.zeros(3), np.cross(a, b), a)
+        axes = axes_of_points(np.zeros(3), a, b)
+        directions = None if axes is None else axes[[2, 0, 1]]
     elif form == "C":
         reference = np.eye(3)[int(np.argmin(abs(b - a)))]
         axes = axes_of_points(a, b, a + reference)
         directions = None if axes is None else CoordinateSystem("C", a, axes).directions_at(position)[0]
     else:
-        radial, pole = position - a, b - a
-        up = pole - radial * (float(pole @ radial) / max(float(radial @ radial), 1e-300))
-        directions = axes_of_points(np.zeros(3), up, radial)
+        axes = axes_of_points(a, position, b)
+        directions = None if axes is None else axes[[2, 1, 0]] * [[1.0], [-1.0], [1.0]]
     if directions is None:
         raise ValueError("the points of the system lie on a line")
     return directions

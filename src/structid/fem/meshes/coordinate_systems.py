@@ -8,6 +8,9 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 
+#: Sine of the angle up to which two directions lie on one line: far above rounding, far below what anyone means.
+_ALONG = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class CoordinateSystem:
@@ -56,14 +59,16 @@ class CoordinateSystem:
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
     """Axes x, y, z as rows (3, 3) of a coordinate system given by three points (3,); None if they lie on a line.
 
-    Only a cross product of exactly 0 counts as a line. The points are its origin, a point on z, and one in the half
-    plane of z and positive x.
+    The points are its origin, a point on z, and one in the half plane of z and positive x. An angle between their
+    directions of less than 1e-9 rad counts as a line.
     """
-    z = on_z - origin
-    y = np.cross(z, in_xz - origin)
+    z, across = on_z - origin, in_xz - origin
+    y = np.cross(z, across)
+    if not np.linalg.norm(y) > _ALONG * np.linalg.norm(z) * np.linalg.norm(across):
+        return None
     axes = np.stack([np.cross(y, z), y, z])
-    sizes = np.linalg.norm(axes, axis=1)
-    return axes / sizes[:, None] if (sizes > 0).all() else None
+    directions: FloatArray = axes / np.linalg.norm(axes, axis=1)[:, None]
+    return directions
 
 
 def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
