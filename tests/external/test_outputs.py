@@ -1,11 +1,15 @@
 """Modes that a solver wrote in a file of any format."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from structid.core.dof import Dof
 from structid.core.errors import FileError
 from structid.external import outputs
-from structid.external.outputs import read_shapes
+from structid.external.frf_model import FrfsOut
+from structid.external.outputs import ModesOut, RunDeck, read_shapes
 from structid.modal.formats.files import write_modes
 from structid.modal.formats.printed import PrintedMode, PrintedModes
 from structid.modal.modal_record import ModalRecord
@@ -58,3 +62,57 @@ def test_motions_in_another_system_than_the_basic_one_are_refused(tmp_path, monk
     monkeypatch.setattr(outputs, "nastran_modes", lambda path: modes)
     with pytest.raises(FileError, match="point 4 is printed in coordinate system 7; let the deck give it in the basic"):
         read_shapes(tmp_path / "a.f06")
+
+
+#: Point 4 stands at 90 degrees of cylinder 7, so that its radial axis is Y and the one around -X.
+BULK = "SOL 103\nCEND\nBEGIN BULK\nCORD2C,7,0,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n{}ENDDATA\n"
+GRIDS = "GRID,4,,0.,2.,0.,7\nGRID,5,,0.,3.,0.\n"
+
+
+@pytest.mark.parametrize("system", [-1, 7])
+def test_motions_are_turned_to_basic_axes_by_the_deck_of_the_run(tmp_path, monkeypatch, system):
+    mode = PrintedMode(
+        2j * np.pi * 3.0,
+        np.array([4, 5]),
+        np.tile([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], (2, 1)),
+        np.array([system, min(system, 0)]),
+    )
+    monkeypatch.setattr(outputs, "nastran_modes", lambda path: PrintedModes([mode]))
+    run, beside = tmp_path / "run", tmp_path / "beside"
+    run.mkdir()
+    beside.mkdir()
+    (run / "a.f06").write_text("any")
+    (beside / "grids.bdf").write_text(GRIDS)
+    for bulk in (GRIDS, "INCLUDE 'grids.bdf'\n"):
+        (run / "a.bdf").write_text(BULK.format(bulk))
+        found = ModesOut("a.f06", RunDeck("a.bdf", {"grids.bdf": beside / "grids.bdf"})).read(run)
+        assert found.values[:, 0] == pytest.approx([-2.0, 1.0, 3.0, -5.0, 4.0, 6.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+        assert found.notes == ("motions of 1 point turned to basic axes by the deck",)
+    (run / "a.bdf").write_text(BULK.format(GRIDS.replace(",7\n", "\n")))
+    found = ModesOut("a.f06", RunDeck("a.bdf", {})).read(run)
+    assert found.values[:6, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert found.notes == ()
+
+
+def test_a_deck_that_does_not_tell_axes_leaves_the_note(tmp_path, monkeypatch):
+    (tmp_path / "a.pch").write_text("any")
+    monkeypatch.setattr(outputs, "nastran_modes", lambda path: PrintedModes([_printed()]))
+    others = ("print('a script')\n", BULK.format("GRID,9,,0.,2.,0.,7\n"), BULK.format("PARAM,OUGCORD,7\n" + GRIDS))
+    for text in others:
+        (tmp_path / "a.bdf").write_text(text)
+        found = ModesOut("a.pch", RunDeck("a.bdf", {})).read(tmp_path)
+        assert "taken as basic" in found.notes[0]
+        assert found.values[0, 0] == 1.0
+
+
+def test_punched_frfs_are_turned_to_basic_axes(tmp_path):
+    rows = ["1.0 2.0 3.0", "4.0 5.0 6.0", "0.1 0.2 0.3", "0.4 0.5 0.6"]
+    point = f"         4       G      {rows[0]}\n" + "".join(f"-CONT-  {row}\n" for row in rows[1:])
+    head = "$TITLE   = A\n$DISPLACEMENTS\n$REAL-IMAGINARY OUTPUT\n$SUBCASE ID =           1\n$FREQUENCY =   5.0\n"
+    (tmp_path / "a.pch").write_text(head + point)
+    (tmp_path / "a.bdf").write_text(BULK.format(GRIDS))
+    outputs_wanted, load = tuple(Dof(4, direction) for direction in "XYZ"), (Dof(5, "X"),)
+    out = FrfsOut("a.pch", np.array([5.0]), outputs_wanted, load, load)
+    assert out.read(tmp_path)[0, :, 0] == pytest.approx([1 + 0.1j, 2 + 0.2j, 3 + 0.3j])
+    turned = replace(out, deck=RunDeck("a.bdf", {})).read(tmp_path)
+    assert turned[0, :, 0] == pytest.approx([-2 - 0.2j, 1 + 0.1j, 3 + 0.3j])

@@ -376,7 +376,7 @@ def test_sizes_are_not_predicted_from_modes_without_modal_masses(tmp_path):
 
 def test_what_a_file_of_modes_leaves_open_is_a_fact(tmp_path, monkeypatch):
     read = outputs.read_shapes
-    monkeypatch.setattr(outputs, "read_shapes", lambda path: replace(read(path), notes=("axes taken as basic",)))
+    monkeypatch.setattr(outputs, "read_shapes", lambda *given: replace(read(*given), notes=("axes taken as basic",)))
     assert "axes taken as basic" in load_study(chain_study(tmp_path)).solved.facts
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from structid.core.errors import FileError
 from structid.core.units import FORCES, LENGTHS, FrfKind
 from structid.external.deck import FREQUENCIES
 from structid.external.expansion import Point
-from structid.external.outputs import OneFile, existing_file, require_last_line
+from structid.external.outputs import OneFile, RunDeck, existing_file, require_last_line
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
@@ -60,6 +60,8 @@ class FrfsOut(OneFile):
         Unit load that acts in each subcase of a punch file, in ascending order of subcases.
     units : Units
         Units of a punch file.
+    deck : RunDeck, optional
+        Turns the motions of a punch file to basic axes, where it is the bulk data of the run.
     """
 
     frequency: FloatArray
@@ -67,6 +69,7 @@ class FrfsOut(OneFile):
     inputs: tuple[Dof, ...]
     loads: tuple[Dof, ...] = ()
     units: Units = field(default_factory=Units)
+    deck: RunDeck | None = None
 
     def read(self, folder: Path) -> ComplexArray:
         """Receptances in the folder of a run at the needed lines and channels, m/N, (n_lines, n_outputs, n_inputs).
@@ -77,7 +80,10 @@ class FrfsOut(OneFile):
         path = existing_file(folder, self.path)
         require_last_line(path)
         if path.suffix.lower() in PUNCH_SUFFIXES:
-            record: FrfRecord | TimeRecord = punched_frfs(path, self.loads, self.units.length, self.units.force)
+            punched = punched_frfs(path, self.loads, self.units.length, self.units.force)
+            nodes = np.array([dof.node for dof in punched.outputs[::6]], dtype=np.int64)
+            axes = None if self.deck is None else self.deck.axes(folder, path, nodes)
+            record: FrfRecord | TimeRecord = _in_basic_axes(punched, axes or {})
         else:
             record = read_record(path)
         if not isinstance(record, FrfRecord):
@@ -180,6 +186,19 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     acting = np.array([dof.sign * FORCES[force] * (LENGTHS[length] if dof.is_rotation else 1.0) for dof in loads])
     scaled = np.moveaxis(values, 1, 2) * motion[:, None] / acting
     return FrfRecord(frequency, scaled, outputs, [dof.unsigned for dof in loads], kind)
+
+
+def _in_basic_axes(record: FrfRecord, axes: Mapping[int, FloatArray]) -> FrfRecord:
+    """FRFs of all six components of each node turned from its `axes` (3, 3), as rows in basic ones, to basic axes.
+
+    Nodes without axes move along the basic ones already.
+    """
+    values = record.values.copy()
+    for start in range(0, len(record.outputs), 3):
+        turn = axes.get(record.outputs[start].node)
+        if turn is not None:
+            values[:, start : start + 3] = np.einsum("ji,fjk->fik", turn, values[:, start : start + 3])
+    return replace(record, values=values)
 
 
 def _read_entries(path: Path, lines: Sequence[str], motion_kind: FrfKind) -> Iterator[Entry]:
@@ -297,6 +316,8 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Tas
     InputError
         If a run fails, or a parameter changes no FRF.
     """
+    out = replace(out, deck=RunDeck(solver.deck.main, solver.linked))
+    solver = replace(solver, outputs=out)
     steps = take_differences(solver, out.read, _change, _RULES, work)
     pairs = {pair.name: pair for pair in steps.pairs}
     names = solver.deck.names

@@ -19,7 +19,7 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.core.units import LENGTHS
 from structid.external.expansion import Point, expand_about_centre
-from structid.external.outputs import ModesOut, RunModes, require_same_dofs
+from structid.external.outputs import ModesOut, RunDeck, RunModes, require_same_dofs
 from structid.external.runs import Solver, needed_runs, point_words, run_words
 from structid.external.solved import ShapeTie, SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import Pair, StepRules, take_differences
@@ -316,6 +316,8 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: T
     InputError
         If a run fails, has other nodes than the first, or a parameter changes no frequency.
     """
+    out = replace(out, deck=RunDeck(solver.deck.main, solver.linked))
+    solver = replace(solver, outputs=out)
     steps = take_differences(solver, out.read, _frequency_change, _RULES, work)
     shapes, centre = steps.centre, steps.at
     pairs = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in steps.pairs]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import plural
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError, InputError
 from structid.external.deck import MatrixFile
@@ -17,8 +19,8 @@ from structid.fem.importers import ImportedMatrix, dof_table, read_matrix, read_
 from structid.files import damage_told, require_readable
 from structid.modal.formats.calculix import frd_modes
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.nastran import nastran_modes
-from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.nastran import nastran_modes, printed_axes
+from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.printed import PrintedMode, require_same_points
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.similarity import most_real
@@ -28,13 +30,13 @@ _BESIDE = {".sti": (".dof",), ".mas": (".dof",)}
 
 
 #: Suffixes that are read here; others are files of modes as `read_modes` knows them.
-FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
+FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES, *OP2_SUFFIXES)
 #: Six and seven digits.
 _ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
 #: Modal phase collinearity below which a mode is truly complex: a ninth of its motion is a quarter of a period apart.
 _LEAST_COLLINEARITY = 0.95
 _TAKEN_AS_BASIC = (
-    "the file does not say the displacement systems of its points, taken as basic: leave field 7 of GRID empty"
+    "neither file nor deck says the displacement systems of its points, taken as basic: leave field 7 of GRID empty"
 )
 _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
 
@@ -123,12 +125,41 @@ class OneFile(ABC):
 
 
 @dataclass(frozen=True, eq=False)
+class RunDeck:
+    """Deck of a run of Nastran, which tells along which axes points move.
+
+    Attributes
+    ----------
+    name : str
+        File in the folder of the run.
+    linked : mapping of str to Path
+        Further files of the deck by name, which may not be in that folder.
+    """
+
+    name: str
+    linked: Mapping[str, Path]
+
+    def axes(self, folder: Path, path: Path, nodes: IntArray) -> dict[int, FloatArray] | None:
+        """Axes (3, 3), as rows in basic ones, of each of the `nodes` that the file `path` prints along others, by label.
+
+        None if this is no bulk data with all of these points.
+        """
+        try:
+            return printed_axes(path, require_readable(folder / self.name), nodes, self.linked)
+        except FileError:
+            return None
+
+
+@dataclass(frozen=True, eq=False)
 class ModesOut(OneFile):
-    """Modes as a run gives them: frequencies and shapes."""
+    """Modes as a run gives them: frequencies and shapes, those of Nastran turned to basic axes by the `deck` if there is one."""
+
+    deck: RunDeck | None = None
 
     def read(self, folder: Path) -> RunModes:
         """The modes in the folder of a run; see `read_shapes`."""
-        return read_shapes(existing_file(folder, self.path))
+        path = existing_file(folder, self.path)
+        return read_shapes(path) if self.deck is None else read_shapes(path, partial(self.deck.axes, folder, path))
 
 
 def existing_file(folder: Path, name: str) -> Path:
@@ -171,21 +202,26 @@ class RunModes:
     notes: tuple[str, ...] = ()
 
 
-def read_shapes(path: Path) -> RunModes:
+def read_shapes(
+    path: Path, find_axes: Callable[[IntArray], dict[int, FloatArray] | None] = lambda nodes: None
+) -> RunModes:
     """Frequencies in Hz, ascending, and real mode shapes in a file that a solver wrote, by node and component.
 
     Parameters
     ----------
     path : Path
-        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06`` or ``.pch``, or any file that
+        CalculiX ``.frd`` in text, Nastran or MYSTRAN ``.f06``, ``.pch`` or ``.op2``, or any file that
         `structid.modal.formats.files.read_modes` reads. Complex shapes in the latter are turned to be as real as can be,
         and their imaginary parts left out.
+    find_axes : callable, optional
+        Axes (3, 3), as rows in basic ones, of each of the nodes given whose motion Nastran prints along others; None if
+        nothing tells them, which is the default.
 
     Raises
     ------
     FileError
         If the file is missing, cut short, or holds no modes; if a mode is truly complex, or one of CalculiX, Nastran or
-        MYSTRAN complex at all; if motions are printed in another coordinate system than the basic one.
+        MYSTRAN complex at all; if motions are printed in another coordinate system than the basic one, and no axes are known.
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):
@@ -198,20 +234,28 @@ def read_shapes(path: Path) -> RunModes:
     if any(np.iscomplexobj(mode.values) for mode in printed):
         raise FileError(f"{path}: holds complex modes; let the solver print real ones (SOL 103)")
     require_same_points(path, printed)
-    turned = np.flatnonzero(printed[0].systems > 0)
-    if len(turned):
+    systems, nodes = printed[0].systems, printed[0].nodes
+    known = find_axes(nodes) if suffix in NASTRAN and systems.any() else None
+    turned = np.flatnonzero(systems > 0)
+    if len(turned) and known is None:
         raise FileError(
-            f"{path}: the motion of point {printed[0].nodes[turned[0]]} is printed in coordinate system"
-            f" {printed[0].systems[turned[0]]}; let the deck give it in the basic system (field 7 of GRID)"
+            f"{path}: the motion of point {nodes[turned[0]]} is printed in coordinate system"
+            f" {systems[turned[0]]}; let the deck give it in the basic system (field 7 of GRID)"
         )
     has_mass = all(mode.generalized_mass > 0 for mode in printed)
     values = np.stack([_mass_normalized(mode) for mode in printed], axis=2)
     width = 6 if np.isfinite(values[:, 3:]).all() else 3
-    nodes = printed[0].nodes
+    axes = known or {}
+    rows = [row for row in np.flatnonzero(systems).tolist() if int(nodes[row]) in axes]  # 0: basic, as the file says
+    for row in rows:
+        for part in (slice(0, 3), slice(3, 6)):
+            values[row, part] = axes[int(nodes[row])].T @ values[row, part]
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     frequency = [mode.frequency for mode in printed]
     shapes = _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), has_mass, suffix)
-    is_silent = suffix in NASTRAN and bool((printed[0].systems < 0).any())
+    if rows:
+        return replace(shapes, notes=(f"motions of {plural(len(rows), 'point')} turned to basic axes by the deck",))
+    is_silent = suffix in NASTRAN and known is None and bool((systems < 0).any())
     return replace(shapes, notes=(_TAKEN_AS_BASIC,)) if is_silent else shapes
 
 

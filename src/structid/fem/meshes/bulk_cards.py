@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,11 +84,12 @@ class _Lines:
         return f"{self.paths[self.file[row]]}, line {self.number[row]}"
 
 
-def bulk_text(path: Path) -> BulkText:
+def bulk_text(path: Path, linked: Mapping[str, Path] | None = None) -> BulkText:
     """The bulk data of the deck at `path`, with included files in place and replicated cards written out.
 
-    The result has the text, what stands before it (case control), and the file and line that each line comes from.
-    Without BEGIN BULK and CEND the whole file is bulk data; ENDDATA ends it.
+    Included files are also looked for in `linked`, by name. The result has the text, what stands before it (case
+    control), and the file and line that each line comes from. Without BEGIN BULK and CEND the whole file is bulk data;
+    ENDDATA ends it.
 
     Raises
     ------
@@ -97,7 +98,7 @@ def bulk_text(path: Path) -> BulkText:
         included file cannot be read.
     """
     lines = _Lines([], [], [], [])
-    _take_lines(lines, path, path.parent, 0)
+    _take_lines(lines, path, path.parent, linked or {}, 0)
     begin, stop, has_end, has_case = -1, len(lines.text), False, False
     for row, line in enumerate(lines.text):
         word = line.strip().upper()
@@ -134,11 +135,11 @@ def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun:
     )
 
 
-def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
+def _take_lines(lines: _Lines, path: Path, root: Path, linked: Mapping[str, Path], depth: int) -> None:
     """Append the lines of the file at `path` to `lines`, with those of included files in place of INCLUDE.
 
-    Each comes with the index of its file and its number in it. `root` is the folder of the deck; `depth` counts nested
-    includes. Raises `FileError` above 20 of them, or if a file cannot be read.
+    Each comes with the index of its file and its number in it. `root` is the folder of the deck, `linked` has files by
+    name that are not there; `depth` counts nested includes. Raises `FileError` above 20 of them, or if a file cannot be read.
     """
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
@@ -160,15 +161,15 @@ def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
         match = _INCLUDE.match(text)
         name = next((g for g in match.groups() if g), b"").decode("utf-8", "replace") if match else ""
         try:
-            included = _included_file(name.strip().replace("\\", "/"), root, path.parent)
+            included = _included_file(name.strip().replace("\\", "/"), root, path.parent, linked)
         except FileError as error:
             raise FileError(f"{path}, line {row + 1}: the included file cannot be read ({error})") from error
-        _take_lines(lines, included, root, depth + 1)
+        _take_lines(lines, included, root, linked, depth + 1)
         row = last + 1
 
 
-def _included_file(name: str, root: Path, parent: Path) -> Path:
-    """Path of the file that an INCLUDE names, looked for in the folder `root` of the deck, then in the folder `parent`.
+def _included_file(name: str, root: Path, parent: Path, linked: Mapping[str, Path]) -> Path:
+    """Path of the file that an INCLUDE names, looked for in the folder `root` of the deck, in the folder `parent`, in `linked`.
 
     `parent` is that of the including file. A name ``SYMBOL:rest`` begins at the folder in the environment variable
     SYMBOL. Raises `FileError` if the file cannot be read, or the variable is not set.
@@ -185,7 +186,7 @@ def _included_file(name: str, root: Path, parent: Path) -> Path:
     for folder_path in dict.fromkeys((root, parent)):
         if (folder_path / name).is_file():
             return require_readable(folder_path / name)
-    return require_readable(root / name)
+    return require_readable(linked.get(name, root / name))
 
 
 @dataclass(frozen=True, eq=False)

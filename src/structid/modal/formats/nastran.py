@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.meshes.bulk_cards import SYSTEM_CARDS, BulkSystems, bulk_text, cards_of
 from structid.files import damage_told, require_readable
@@ -16,6 +18,9 @@ from structid.modal.formats.options import F06_SUFFIXES, OP2_SUFFIXES, ModeFileO
 from structid.modal.formats.printed import RUN_AGAIN, PrintedModes, printed_record
 from structid.modal.formats.punch import punch_modes
 from structid.modal.modal_record import ModalRecord
+
+#: Coordinate system in which a deck wants displacements printed.
+_OUTPUT_SYSTEM = re.compile(rb"^[ \t]*PARAM[\s,]+OUGCORD[\s,]+(\w+)", re.MULTILINE | re.IGNORECASE)
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
@@ -61,23 +66,36 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
     if options.deck is None:
         return printed_record(path, printed, options)
     deck = require_readable(options.deck)
-    axes = _displacement_axes(path, deck, printed)
+    axes = printed_axes(path, deck, printed.modes[0].nodes)
     words = f"motions turned to global axes by {deck.name}" if axes else f"global axes by {deck.name}"
     return printed_record(path, printed, options, axes, [words])
 
 
-def _displacement_axes(path: Path, deck: Path, printed: PrintedModes) -> dict[int, FloatArray]:
+def printed_axes(
+    path: Path, deck: Path, nodes: IntArray, linked: Mapping[str, Path] | None = None
+) -> dict[int, FloatArray]:
     """Axes (3, 3), as rows in global axes, of each point whose displacement system in the `deck` is not the global one.
 
-    Keys are node labels. `FileError` if the deck is damaged, has no GRID, or lacks a point that is printed. `path` is
-    the file of `printed`, for errors.
+    Keys are node labels. `linked` has included files by name that do not lie beside the deck.
+
+    Raises
+    ------
+    FileError
+        If the deck is damaged, has no GRID, lacks one of the points `nodes` that the file `path` prints, or asks for motions in
+        another system.
     """
     with damage_told(deck, "Nastran bulk data", "export it again"):
-        cards = cards_of(bulk_text(deck), ("GRID", "GRDSET", *SYSTEM_CARDS))
+        text = bulk_text(deck, linked)
+        cards = cards_of(text, ("GRID", "GRDSET", *SYSTEM_CARDS))
+        asked = _OUTPUT_SYSTEM.search(text.case_control + b"\n" + text.content)
+        if asked and asked[1].upper() != b"GLOBAL":
+            raise FileError(
+                f"{deck}: asks for motions in system {asked[1].decode('latin-1')} (PARAM,OUGCORD); leave it out"
+            )
         if "GRID" not in cards:
             raise FileError(f"{deck}: holds no GRID, so that it is not the deck of {path.name}; name its bulk data")
         systems = BulkSystems(deck, cards)
-        missing = np.setdiff1d(printed.modes[0].nodes, systems.labels)
+        missing = np.setdiff1d(nodes, systems.labels)
         if missing.size:
             raise FileError(f"{deck}: has no GRID {missing[0]}, which {path.name} prints; name the deck of that run")
         return systems.displacement_axes(systems.labels, systems.basic_positions())
