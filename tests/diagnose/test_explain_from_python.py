@@ -65,6 +65,19 @@ def test_the_cause_is_named_without_a_study(clamped):
     assert first.words in str(diagnosis)
 
 
+@pytest.mark.parametrize("stated", [10.0, 300.0])
+def test_a_tension_is_named_where_beams_are_drawn_on_a_line(stated):
+    """A small one and one of three quarters of the Euler load: resonances move by one and by many of their widths."""
+    parts = [[k, k + 1] for k in range(4)]
+    tight = sid.Beam("rail", parts, mass=2.0, bending_stiffness=40.0, loss_factor=0.02, axial_force=stated)
+    found = identified(sid.Structure(NODES, [tight], ["0Y", "0RZ"]), beam(["0Y", "0RZ"]))
+    first = sid.explain(found, seconds=20.0).causes[0]
+    assert (first.kind, first.where) == ("axial_force", ("rail",))
+    [(_, force, unit)] = first.found
+    assert force == pytest.approx(stated, rel=0.02)
+    assert unit == "N"
+
+
 def test_a_limit_of_no_time_is_refused(clamped):
     with pytest.raises(sid.InputError, match="`seconds` must be greater than 0, got 0"):
         sid.explain(clamped, seconds=0)

@@ -17,6 +17,7 @@ from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.inversion import Problem
 from structid.inversion.covariance import shift_of_minimum
+from structid.inversion.fixed_values import FIXED
 from structid.inversion.linearization import Linearization
 
 #: Part of its standard deviation that the mesh may move a value by, and that a finer mesh is chosen for.
@@ -31,15 +32,19 @@ _MOST_STEPS, _FOLLOWED = 4, 0.2
 _FARTHEST = 2.0
 #: Chi-square, in parts of what is expected, beyond which a model is wrong whatever its mesh, and part of it that the mesh may be.
 _WRONG, _MESH_PART = 9.0, 0.01
+#: Chi-square, in parts of what is expected, from which on finer pieces are chosen where they change the fit by this part of
+#: what is beyond noise.
+_BEYOND_NOISE, _MOST_OF_IT = 1.1, 0.5
 #: Standard deviations beyond which the size of a shift says nothing more.
 _MOST_TOLD = 100
 #: Chi-square by which the drawn mesh fits a record better than a finer one where that is said: beyond chance.
 BETTER = 10.0
 #: How the warnings of an identification on its mesh begin: of values that it moves, of modes, of a mesh that was not judged.
 MESH_MOVES = "the mesh moves"
+MESH_MAKES = "the mesh makes"
 MESH_ERROR = "the values carry an error of the mesh"
 NOT_JUDGED = "what the mesh moves the values by is not known"
-MESH_WARNINGS = (MESH_MOVES, MESH_ERROR, NOT_JUDGED)
+MESH_WARNINGS = (MESH_MOVES, MESH_MAKES, MESH_ERROR, NOT_JUDGED)
 SUBDIVIDE_AUTO = '`subdivide = "auto"`'
 
 
@@ -59,6 +64,8 @@ class MeshPieces:
         Why the mesh was not judged, or why no finer one is proposed; "" otherwise, also where more pieces are needed.
     finer_minimum : mapping of str to float
         Free variables of the minimum with pieces half as long, by name; empty where it was not looked for, or not found.
+    makes_misfit : bool
+        Whether pieces half as long may explain most of a misfit that is beyond noise, but not far.
     """
 
     count: int
@@ -66,31 +73,39 @@ class MeshPieces:
     shifts: str = ""
     obstacle: str = ""
     finer_minimum: Mapping[str, float] = field(default_factory=dict)
+    makes_misfit: bool = False
 
     @property
     def is_enough(self) -> bool:
-        """True if the mesh is known to move no value by more than `MOVED`."""
-        return self.moved < MOVED
+        """True if the mesh is known to move no value by more than `MOVED`, and makes no misfit."""
+        return self.moved < MOVED and not self.makes_misfit
 
     @property
     def needed(self) -> int:
         """Number of pieces to try next, for a mesh that is not enough.
 
         It is doubled until the mesh is estimated to move values by `_AIMED`, once where the minimum was not found, since the
-        shift is then a guess. It is at most `MOST_PIECES`, but always more than `count`.
+        shift is then a guess. Where the mesh makes a misfit but moves no value, half as many are added, which leaves a
+        twenty-fifth of that misfit. It is at most `MOST_PIECES`, but always more than `count`.
         """
+        if self.moved < MOVED:
+            return self.count + max(self.count // 2, 1)
         doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.finer_minimum else 1
         return max(min(self.count * 2 ** max(doublings, 1), MOST_PIECES), self.count + 1)
 
     @property
     def warning(self) -> str:
-        """A sentence where the mesh changes a value by 0.2 standard deviations or more, or why that is not known.
+        """A sentence where the mesh changes a value by 0.2 standard deviations or more, or makes a misfit, or why
+        that is not known.
 
         It is "" where the mesh is fine enough. It says what to do, and whether intervals can still be used: not if the
         change is a standard deviation or more.
         """
         if self.is_enough:
             return ""
+        if self.moved < MOVED:
+            remedy = self.obstacle or f"write {SUBDIVIDE_AUTO}, or {self.needed} in place of {self.count}"
+            return f"{MESH_MAKES} a misfit beyond noise, though it moves no value: {remedy}"
         if not self.moved >= MOVED:
             return f"{NOT_JUDGED}: {self.obstacle}"
         interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
@@ -152,10 +167,18 @@ def judge_pieces(
     moved = float(deviations.max())
     far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
     shifts = [f"{problem.names[i]} by {_told(float(deviations[i]))}" for i in far]
-    is_finest = moved >= MOVED and count >= MOST_PIECES
+    makes_misfit = _makes_misfit(setups, identification, misfit_change)
+    if makes_misfit and moved < MOVED:
+        finer_minimum = dict(zip(problem.names, (theta + np.nan_to_num(step)).tolist(), strict=True))
+    is_finest = (moved >= MOVED or makes_misfit) and count >= MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
     return MeshPieces(
-        count, moved, f"{join_words(shifts, 4)} standard deviations" if far else "", obstacle, finer_minimum
+        count,
+        moved,
+        f"{join_words(shifts, 4)} standard deviations" if far else "",
+        obstacle,
+        finer_minimum,
+        makes_misfit,
     )
 
 
@@ -274,6 +297,29 @@ def _is_wrong_on_any_mesh(
     goodness = identification.estimate.goodness
     left = misfit_change + (linearization.jacobian @ np.nan_to_num(step))[: len(misfit_change)]
     return goodness.misfit > _WRONG and float(left @ left) < _MESH_PART * goodness.chi_square
+
+
+def _makes_misfit(setups: Sequence[AnySetup], identification: Identification, misfit_change: FloatArray) -> bool:
+    """True if a finer mesh may explain most of a misfit that is beyond noise, but not far.
+
+    `misfit_change` (n_data,) is the change of the data rows with the finer mesh. What parameters, and fixed values within
+    their tolerances, do not take up of it is compared with the misfit beyond noise: sums of squares, to first order.
+    """
+    estimate, goodness = identification.estimate, identification.estimate.goodness
+    if identification.target is None or not _BEYOND_NOISE < goodness.misfit < _WRONG:
+        return False
+    problem, theta = identification.target, estimate.theta
+    if identification.freed and (fixed := estimate.fixed) is not None:
+        problem = joint_problem(harmonize_shared_parameters(identification.freed, titles(setups)))
+        free = dict(zip(estimate.names, fixed.theta.tolist(), strict=True))
+        free |= zip((FIXED + name for name in fixed.names), (fixed.asked * fixed.tolerance).tolist(), strict=True)
+        theta = np.array([free.get(name, 0.0) for name in problem.names])
+    jacobian = problem.linearize(theta).jacobian
+    change = np.zeros(len(jacobian))
+    change[: len(misfit_change)] = misfit_change
+    left = change + jacobian @ np.nan_to_num(shift_of_minimum(jacobian, change))
+    beyond = goodness.chi_square_within_tolerances * (1 - 1 / goodness.misfit)
+    return float(left @ left) > max(_MOST_OF_IT * beyond, BETTER)
 
 
 def _followed_shift(

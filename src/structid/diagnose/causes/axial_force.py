@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from structid.core.arrays import FloatArray
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.model_edits import AddUnknown, Edits, SetProperty, rounded
 from structid.diagnose.tested_model import TestedModel
@@ -17,7 +18,7 @@ from structid.fem.elements.element import declarations
 from structid.forward import RecordProblem
 
 #: Parts of the Euler load of a set, or of a strain of a thousandth where it does not bend, that are tried.
-_PARTS = np.array([0.3, -0.3])
+_PARTS = np.array([0.3, -0.3, 0.05, -0.05])
 _STRAIN = 1e-3
 _BENDING = ("bending_stiffness", "bending_stiffness_z")
 #: Sets that are tried.
@@ -34,15 +35,17 @@ class AxialForce(Candidate):
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
         """A candidate axial force for each beam or bar set that has none; no candidates where more than six have none.
 
-        The sets are those of the first record's structure; none in one dimension. Strengths are forces, N: plus and
-        minus 0.3 times the Euler load of the set as one strut (bars: the force of a strain of 0.001). `problems` are
-        not used.
+        The sets are those of the first record's structure, without bars on a line, which do not move sideways.
+        Strengths are forces, N: plus and minus 0.3 and 0.05 times the Euler load of the set as one strut (bars: the
+        force of a strain of 0.001). `problems` are not used.
         """
         structure = model.setups[0].structure
         slack = [
             one
             for one in structure.elements
-            if "axial_force" in declarations(one) and vars(one)["axial_force"] is None and structure.dimension > 1
+            if "axial_force" in declarations(one)
+            and vars(one)["axial_force"] is None
+            and (structure.dimension > 1 or _bending_stiffness(one) is not None)
         ]
         for one in slack if len(slack) <= _MOST_SETS else ():
             yield cls(where=(one.name,), strengths=_first_guess(structure, one) * _PARTS)
@@ -57,15 +60,20 @@ class AxialForce(Candidate):
         return f"{self.where[0]} carries {kind} that the model lacks"
 
 
+def _bending_stiffness(element: ElementSet) -> FloatArray | None:
+    """Bending stiffness of each element of a set of beams, in space that about its z axis, N m²; None for bars."""
+    values = vars(element)
+    return next((values[key] for key in _BENDING if key in values), None)
+
+
 def _first_guess(structure: Structure, element: ElementSet) -> float:
     """First guess of a set's axial force, N: its Euler load as one strut, or for bars the force of a strain of 0.001.
 
     The strut is as long as all elements of the set together; stiffnesses are means over the set.
     """
-    values = vars(element)
-    bending = next((values[key] for key in _BENDING if key in values), None)
+    bending = _bending_stiffness(element)
     if bending is None:
-        return float(_STRAIN * np.mean(values["axial_stiffness"]))
+        return float(_STRAIN * np.mean(vars(element)["axial_stiffness"]))
     ends = np.array([[structure.nodes[n] for n in pair] for pair in element.nodes.tolist()])
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
     return float(np.pi**2 * np.mean(bending) / length**2)

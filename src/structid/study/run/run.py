@@ -114,7 +114,7 @@ def confirm_result(
 def refine_mesh(
     ready: PreparedStudy, result: StudyResult, progress: StageProgress | None = None, work: TaskExecutor = SERIAL
 ) -> tuple[PreparedStudy, StudyResult]:
-    """The study and its result with beams divided into more pieces, until finer pieces hardly change the values.
+    """The study and its result with beams divided into more pieces, until finer pieces hardly change values and misfit.
 
     Study and values stay where a solver gives the model, where the mesh changes no value, and where the record fits the
     elements as drawn in the study but not divided ones; the words on the mesh may change. Where the study states the
@@ -264,7 +264,7 @@ def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult
     if of_modes or not structure.divisible or structure.n_dofs > _MOST_JUDGED:
         return result
     mesh = judge_pieces(ready.setups, identification, ready.study.options, structure.subdivide)
-    return _with_mesh_words(result, (), mesh.warning if mesh.moved >= MOVED else "", False)
+    return _with_mesh_words(result, (), mesh.warning if mesh.moved >= MOVED or mesh.makes_misfit else "", False)
 
 
 def run_prepared(
