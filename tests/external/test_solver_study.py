@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -218,6 +219,35 @@ def test_a_solver_that_fails_is_told_with_what_it_said(tmp_path, options, more, 
     assert "[structure.solver]" in words
     assert "Traceback" not in words
     assert (tmp_path / "study.runs" / "failed" / "chain.txt").is_file()
+
+
+def test_only_folders_that_runs_left_are_removed_from_where_runs_are_kept(tmp_path):
+    path = chain_study(tmp_path, "modes", "--fail 1", 'retries = 0\nruns = "."')
+    foreign = [".venv.old", ".0123456789ab.0123456x", ".0123456789ab.01234567.zip"]
+    trial = ".0123456789ab.01234567"
+    for name in (*foreign, trial):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "work.txt").write_text("work")
+        os.utime(tmp_path / name, (0, 0))
+    for _ in range(2):  # the second replaces the first
+        assert RUN.invoke(cli.app, ["check", str(path)]).exit_code == 2
+        assert (tmp_path / "failed" / "chain.txt").is_file()
+    assert not (tmp_path / trial).exists()
+    assert all((tmp_path / name / "work.txt").is_file() for name in foreign)
+    assert sorted(one.name for one in tmp_path.glob(".*")) == sorted(foreign)
+
+
+@pytest.mark.parametrize("mark", [None, "{}", '{"layout": "another 1"}'])
+def test_a_folder_where_failed_runs_go_is_left_if_it_is_not_of_one(tmp_path, mark):
+    path = chain_study(tmp_path, "modes", "--fail 1", 'retries = 0\nruns = "."')
+    (tmp_path / "failed").mkdir()
+    (tmp_path / "failed" / "work.txt").write_text("work")
+    if mark is not None:
+        (tmp_path / "failed" / "failed_run.json").write_text(mark)
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    assert done.exit_code == 2
+    assert "failed: is none that a failed run of the solver left" in " ".join(done.stderr.split())
+    assert (tmp_path / "failed" / "work.txt").read_text() == "work"
 
 
 def test_half_a_matrix_is_refused_and_finished_runs_are_kept(tmp_path):

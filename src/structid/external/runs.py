@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 import subprocess
@@ -23,6 +24,8 @@ from structid.inversion.search.work import TaskContext, TaskExecutor
 
 _LAYOUT = "structid solver run 1"
 _DONE = "run.json"
+_FAILED, _FAILED_MARK = "failed", "failed_run.json"
+_TRIAL = re.compile(r"\.[0-9a-f]{12}\.[0-9a-f]{8}")
 _LOG = "solver.log"
 _LOG_BYTES = 4000
 _SHOWN_LINES = 3
@@ -151,7 +154,7 @@ def runs(
     InputError
         If the solver's program is missing, or its command is not confirmed.
     FileError
-        If the folder cannot be written.
+        If the folder cannot be written, or `failed` in it is none of a failed run.
     """
     keys = [solver.key(point) for point in points]
     missing = {key: point for key, point in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
@@ -162,6 +165,7 @@ def runs(
         tell_command(solver.command, solver.study, solver.confirmation)
         try:
             solver.folder.mkdir(parents=True, exist_ok=True)
+            _require_own_failed(solver.folder / _FAILED)
             _remove_stale_folders(solver.folder)
         except OSError as error:
             raise FileError(
@@ -191,21 +195,21 @@ def needed_runs(
         if isinstance(result, RunFailedError):
             kept = sum(isinstance(other, Path) for other in results)
             raise RunFailedError(
-                f"{result}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
+                f"{result}; deck and log of it are in {solver.folder / _FAILED}, {kept} finished runs are kept in {solver.folder}"
             )
         folders.append(result)
     return folders, counts
 
 
-def run_once(solver: Solver, values: Mapping[str, float], tools: TaskContext) -> str:
+def run_once(solver: Solver, values: Mapping[str, float], _: TaskContext) -> str:
     """Run the solver at `values` (by name), again up to `retries` times if it fails; "" on success, else the reason.
 
-    A run that is kept already is not repeated. `tools` is not used. `InputError` if the command is not confirmed,
-    `FileError` if the files cannot be written.
+    A run that is kept already is not repeated. `InputError` if the command is not confirmed, `FileError` if the files
+    cannot be written.
     """
     words, folder = "", solver.run_folder(values)
     require_confirmed(solver.command, solver.confirmation)
-    for _ in range(solver.retries + 1):
+    for _attempt in range(solver.retries + 1):
         if _is_done(folder):  # made by another process meanwhile
             return ""
         words = _try_run(solver, values, folder)
@@ -227,7 +231,7 @@ def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
     A good run is moved to `folder`, with its outputs, decks, log and a record only; a failed one to `failed` beside the
     runs. `FileError` if the files cannot be written.
     """
-    start, trial = time.perf_counter(), solver.folder / f".{folder.name[:12]}.{secrets.token_hex(4)}"
+    start, trial = time.perf_counter(), _trial_folder(folder)
     try:
         trial.mkdir()
         for name, path in solver.linked.items():
@@ -240,18 +244,15 @@ def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
                 solver.outputs.require_whole(trial)
             except InputError as error:
                 words = f"{str(error).replace(str(trial) + os.sep, '')}{_last_words(trial)}"
+        record: dict[str, object] = {"values": solver.deck.shown(values), "command": solver.command}
         if words:
-            _keep_failed_run(solver, trial)
+            _keep_failed_run(folder, trial, {"layout": _LAYOUT, **record, "reason": words})
             return words
         keep = {*solver.outputs.files, *solver.deck.texts, _LOG}
         for path in trial.iterdir():
             if path.name not in keep:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-        record = {
-            "values": solver.deck.shown(values),
-            "command": solver.command,
-            "seconds": time.perf_counter() - start,
-        }
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        record["seconds"] = time.perf_counter() - start
         (trial / _DONE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         try:
             trial.rename(folder)
@@ -306,22 +307,53 @@ def _last_words(folder: Path) -> str:
     return f"; its last words: {words}" if words else "; it said nothing"
 
 
-def _keep_failed_run(solver: Solver, trial: Path) -> None:
-    """Move the folder `trial` of a failed run to `failed` beside the runs of `solver`, replacing what was there."""
-    last = solver.folder / "failed"
-    shutil.rmtree(last, ignore_errors=True)
+def _trial_folder(folder: Path) -> Path:
+    """Path of a new folder, in which the run that is to be kept in `folder` is tried, as `_TRIAL` knows them by name."""
+    return folder.with_name(f".{folder.name[:12]}.{secrets.token_hex(4)}")
+
+
+def _keep_failed_run(folder: Path, trial: Path, record: Mapping[str, object]) -> None:
+    """Move the `trial` of the run in `folder`, which failed, to `failed` beside it, with `record` as the mark of such a run.
+
+    An earlier failed run there is removed; anything else stays, and the trial is not kept.
+    """
+    last = folder.with_name(_FAILED)
+    (trial / _FAILED_MARK).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     with suppress(OSError):  # another worker's failure was faster
+        if _is_failed_run(last):
+            aside = _trial_folder(folder)
+            last.rename(aside)
+            shutil.rmtree(aside, ignore_errors=True)
         trial.rename(last)
+
+
+def _is_failed_run(folder: Path) -> bool:
+    """True if `folder` is one that a failed run left, as the mark in it says."""
+    try:
+        mark = json.loads((folder / _FAILED_MARK).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(mark, dict) and mark.get("layout") == _LAYOUT and not folder.is_symlink()
+
+
+def _require_own_failed(folder: Path) -> None:
+    """Raise `FileError` if `folder`, where a failed run goes, is a file or a folder of somebody else."""
+    if (folder.exists() or folder.is_symlink()) and not _is_failed_run(folder):
+        raise FileError(
+            f"{folder}: is none that a failed run of the solver left, and would be in the way of one; move it, or give"
+            " another folder with `runs`"
+        )
 
 
 def _remove_stale_folders(folder: Path) -> None:
     """Remove the trial folders in `folder` that killed runs left behind, a week after their last change.
 
-    All hidden folders with a second point in their names count as such.
+    They are known by their names: a point and 12, a point and 8 hexadecimal digits.
     """
     for path in folder.glob(".*.*"):
         with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
-            if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
+            is_trial = _TRIAL.fullmatch(path.name) and path.is_dir() and not path.is_symlink()
+            if is_trial and time.time() - path.stat().st_mtime > _STALE_SECONDS:
                 shutil.rmtree(path, ignore_errors=True)
 
 
