@@ -286,6 +286,32 @@ def test_a_folder_that_is_no_checkpoint_is_left_alone(tmp_path):
     assert (tmp_path / "c" / "thesis.txt").read_text() == "mine"
 
 
+@pytest.mark.parametrize("foreign", ["done-list.txt", "done-thesis", "search.npz.old"])
+def test_names_that_begin_as_those_of_a_checkpoint_are_left_alone(tmp_path, foreign):
+    (tmp_path / "c" / foreign).mkdir(parents=True)
+    with pytest.raises(FileError, match=f"{foreign}, which is no checkpoint"):
+        Checkpoint(tmp_path / "c", OWNER)
+    assert (tmp_path / "c" / foreign).is_dir()
+
+
+def test_files_of_others_outlive_the_checkpoint_they_lie_in(tmp_path):
+    """Also hidden ones, and those that came while the run was under way; what a killed run left half written does not."""
+    folder = tmp_path / "c"
+    Checkpoint(folder, OWNER).write({"a": 1})
+    (folder / ".git").mkdir()
+    (folder / ".notes").write_text("mine")
+    (folder / ".search.structid-0123456789ab.npz").write_text("half")
+    resumed = Checkpoint(folder, OWNER, resume=True)
+    assert sorted(path.name for path in folder.iterdir()) == [".git", ".notes", "run.json", "so_far.json"]
+    resumed.close()
+    anew = Checkpoint(folder, OWNER)
+    assert sorted(path.name for path in folder.iterdir()) == [".git", ".notes"]
+    anew.finished("a", [1.0])
+    (folder / "thesis.txt").write_text("mine")
+    anew.remove()
+    assert sorted(path.name for path in folder.iterdir()) == [".git", ".notes", "thesis.txt"]
+
+
 def test_what_is_kept_comes_back_bit_for_bit_however_many_files(tmp_path):
     random = np.random.default_rng(0)
     trees = {

@@ -208,7 +208,7 @@ def test_results_are_not_written_through_links_of_the_folder_that_they_replace(t
 
 def test_no_lock_is_written_through_a_link(tmp_path):
     (tmp_path / "mine").write_text("mine", encoding="utf-8")
-    (tmp_path / ".results.lock").symlink_to(tmp_path / "mine")
+    (tmp_path / ".results.structid-lock").symlink_to(tmp_path / "mine")
     with pytest.raises(FileError, match="cannot be written"), claim_path(tmp_path / "results"):
         pass
     assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
@@ -341,7 +341,7 @@ def test_permissions_are_kept_and_leftovers_swept(tmp_path):
     study = tmp_path / "study.toml"
     study.write_text("a = 1\n", encoding="utf-8")
     study.chmod(0o600)
-    (tmp_path / ".study.0123456789ab.toml").write_text("half", encoding="utf-8")
+    (tmp_path / ".study.structid-0123456789ab.toml").write_text("half", encoding="utf-8")
     place = open_study_folder(tmp_path)
     place.save("study.toml", "a = 2\n", place.text("study.toml")[1])
     assert stat.S_IMODE(study.stat().st_mode) == 0o600

@@ -40,8 +40,10 @@ DAMAGE = (
     tokenize.TokenError, struct.error, zlib.error, zipfile.BadZipFile,
 )  # fmt: skip
 _WAIT_SECONDS = 0.01
+#: What the names of locks and of temporary files and folders hold, which nobody else's have.
+_LOCK, _MARK = ".structid-lock", ".structid-"
 #: Places that this process holds, and the descriptors of their locks.
-_held: dict[Path, tuple[int, int]] = {}
+_held: dict[Path, int] = {}
 
 
 def require_readable(path: str | Path) -> Path:
@@ -268,13 +270,18 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
         return False
 
 
+def temporary_path(path: Path) -> Path:
+    """A new hidden name beside `path` for a file or folder that is renamed to it when it is whole; `claim` removes old ones."""
+    return path.parent / f".{path.stem[:100]}{_MARK}{secrets.token_hex(6)}{path.suffix}"
+
+
 @contextmanager
 def _temporary_beside(path: Path) -> Iterator[Path]:
     """Context manager that gives a new name beside `path`, removes the file of this name at the end, and tells failures.
 
     An `OSError` becomes a `FileError` that says that `path` cannot be written.
     """
-    temporary = path.parent / f".{path.stem[:100]}.{secrets.token_hex(6)}{path.suffix}"
+    temporary = temporary_path(path)
     try:
         yield temporary
     except OSError as error:
@@ -289,13 +296,17 @@ def _temporary_beside(path: Path) -> Iterator[Path]:
 def _link_new(temporary: Path, path: Path) -> bool:
     """Give the temporary file the name `path` unless that exists; True if it did, False if there is such a file.
 
-    On a file system without links the file is renamed instead, and replaces one that is there.
+    On a file system without links an empty file takes the name first, which only one process can make.
     """
     try:
         os.link(temporary, path)
     except FileExistsError:
         return False
     except OSError:  # a file system without links
+        try:
+            path.touch(exist_ok=False)
+        except FileExistsError:
+            return False
         temporary.replace(path)
     return True
 
@@ -374,13 +385,13 @@ def claim(path: Path, patience: float = 0.0) -> None:
         If another process holds it, its folder does not exist, or nothing can be written beside it.
     """
     path = path.absolute()
-    if path in _held and _held[path][1] == os.getpid():
+    if path in _held:
         return
     if not path.parent.is_dir():
         raise FileError(f"{path}: its folder {path.parent} does not exist; create it first")
     lock = _lock_file(path)
     try:
-        _held[path] = _open_locked(path, lock, patience), os.getpid()
+        _held[path] = _open_locked(path, lock, patience)
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); check the permissions of {path.parent}, or write to"
@@ -392,15 +403,14 @@ def claim(path: Path, patience: float = 0.0) -> None:
 def release(path: Path) -> None:
     """Give up this process's lock on `path` and remove the lock file; nothing happens if this process holds none."""
     path = path.absolute()
-    descriptor, owner = _held.pop(path, (-1, 0))
-    if owner == os.getpid():
+    if path in _held:
         with suppress(OSError):
             _lock_file(path).unlink(missing_ok=True)
-        os.close(descriptor)
+        os.close(_held.pop(path))
 
 
 def _lock_file(path: Path) -> Path:
-    return path.parent / f".{path.name[:200]}.lock"
+    return path.parent / f".{path.name[:200]}{_LOCK}"
 
 
 def _open_locked(path: Path, lock: Path, patience: float) -> int:
@@ -438,10 +448,9 @@ def _open_locked(path: Path, lock: Path, patience: float) -> int:
 def _remove_leftovers(path: Path) -> None:
     """Remove temporary files and folders that an interrupted write of `path` left beside it.
 
-    They are hidden names of `path` with 12 hexadecimal digits. Call it with the lock on `path` held.
+    They have names of `temporary_path`. Call it with the lock on `path` held.
     """
-    mark = r"\.[0-9a-f]{12}"
-    names = f"{re.escape('.' + path.name)}{mark}|{re.escape('.' + path.stem[:100])}{mark}{re.escape(path.suffix)}"
+    names = f"{re.escape(f'.{path.stem[:100]}{_MARK}')}[0-9a-f]{{12}}{re.escape(path.suffix)}"
     for leftover in path.parent.glob(".*"):
         if re.fullmatch(names, leftover.name):
             if leftover.is_dir():
@@ -454,3 +463,14 @@ def _remove_leftovers(path: Path) -> None:
 def _release_all() -> None:
     for path in list(_held):
         release(path)
+
+
+def _forget_claims_of_parent() -> None:
+    """Forget what this process, a copy of its parent, has not claimed itself; the parent's locks stay."""
+    for descriptor in _held.values():
+        os.close(descriptor)
+    _held.clear()
+
+
+if hasattr(os, "register_at_fork"):  # Windows has no copies of processes
+    os.register_at_fork(after_in_child=_forget_claims_of_parent)

@@ -104,7 +104,7 @@ def _take_ticket(path: Path) -> tuple[int, Path] | None:
 def _position(queue: Path, ticket: Path) -> int:
     """Number of live runs with a ticket older than `ticket` in the folder `queue`; tickets of dead runs are removed."""
     count = 0
-    for path in sorted(queue.iterdir()):
+    for path in sorted(queue.glob("[0-9]*-[0-9]*")):
         if path.name >= ticket.name:
             break
         with suppress(OSError):

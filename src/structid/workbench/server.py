@@ -206,7 +206,7 @@ def _redirect_page(address: str) -> Path:
         # browsers that are snaps read no hidden folder of the home folder
         folder = Path.home() if (Path.home() / "snap").is_dir() else state_folder()
         name = f"structid-{name}" if folder == Path.home() else name
-        for left in state_folder().glob("open-*.html"):  # of servers that were killed
+        for left in state_folder().glob(f"open-{'[0-9a-f]' * 16}.html"):  # of servers that were killed
             if time.time() - left.stat().st_mtime > _REDIRECT_SECONDS:
                 left.unlink(missing_ok=True)
         write_private(folder / name, text)

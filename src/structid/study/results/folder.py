@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from structid.core.display import with_unit
 from structid.core.errors import FileError
 from structid.core.json_types import StoredEntry, json_text
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
-from structid.files import claim_path, require_no_file
+from structid.files import claim_path, require_no_file, temporary_path
 from structid.identification.alternatives import Alternatives
 from structid.identification.identified import Identification
 from structid.identification.record_fit import RecordFit
@@ -58,7 +57,7 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     """
     folder = Path(folder)
     require_no_file(folder)
-    temporary = folder.parent / f".{folder.name}.{secrets.token_hex(6)}"
+    temporary = temporary_path(folder)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with claim_path(folder):

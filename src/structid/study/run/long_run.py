@@ -8,10 +8,11 @@ and, after an interruption, ``so_far.json`` (the values reached, to read).
 from __future__ import annotations
 
 import json
-import shutil
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -48,6 +49,9 @@ _LAYOUT = f"{_LAYOUTS}2"
 _RUN, _SEARCH, _SO_FAR = "run.json", "search.npz", "so_far.json"
 _WHOLE, _ANEW = "a whole checkpoint", "run without --resume to begin anew"
 _MOST_FILES = 64
+#: Files of a checkpoint, and those that a killed run left half written.
+_OWN = re.compile(r"(run\.json|search\.npz|so_far\.json|done-\d+\.npz)")
+_HALF = re.compile(r"\.(run|search|so_far|done-\d+)\.structid-[0-9a-f]{12}\.(json|npz)")
 
 
 class RunIdentity(TypedDict):
@@ -119,7 +123,7 @@ class Checkpoint:
                 self._read()
             elif folder.exists():
                 _require_checkpoint(folder)
-                shutil.rmtree(folder)
+                _remove_own(folder)
         except BaseException:
             self.close()
             raise
@@ -180,8 +184,9 @@ class Checkpoint:
         release(self.folder)
 
     def remove(self) -> None:
-        """Remove the folder of the checkpoint and release it, after the run is complete."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove the checkpoint and release its folder, after the run is complete; files of others in the folder stay."""
+        with suppress(OSError):
+            _remove_own(self.folder)
         self.close()
 
     def _write_if_due(self) -> None:
@@ -215,8 +220,8 @@ class Checkpoint:
         with damage_told(self.folder / _RUN, _WHOLE, _ANEW):
             owner = json.loads((self.folder / _RUN).read_text(encoding="utf-8"))
         _require_same_run(self.folder, self.owner, owner)
-        for stale in self.folder.glob(".*"):
-            stale.unlink(missing_ok=True)
+        for half in filter(lambda path: _HALF.fullmatch(path.name), list(self.folder.iterdir())):
+            half.unlink(missing_ok=True)
         for path in sorted(self.folder.glob("done-*.npz")):
             self.entries.update(_load(path))
             self._files = int(path.stem.split("-")[1])
@@ -258,13 +263,23 @@ def _require_same_run(folder: Path, this_run: RunIdentity, owner: JsonValue) -> 
 
 
 def _require_checkpoint(folder: Path) -> None:
-    """Raise `FileError` if `folder` is a file or holds any file that no checkpoint has, so that it must not be removed."""
-    own_files = {_RUN, _SEARCH, _SO_FAR}
+    """Raise `FileError` if `folder` is a file, or holds any file that no checkpoint has and is not hidden."""
     if not folder.is_dir():
         raise FileError(f"{folder}: is a file where the checkpoint goes; move it, or give another --out")
-    foreign = [p.name for p in folder.iterdir() if p.name not in own_files and not p.name.startswith(("done-", "."))]
+    foreign = [p.name for p in folder.iterdir() if not _OWN.fullmatch(p.name) and not p.name.startswith(".")]
     if foreign:
         raise FileError(f"{folder}: holds {foreign[0]}, which is no checkpoint; move it, or give another --out")
+
+
+def _remove_own(folder: Path) -> None:
+    """Remove the files of the checkpoint in `folder`, if it exists, and the folder if nothing else is in it."""
+    if not folder.is_dir():
+        return
+    for path in list(folder.iterdir()):
+        if _OWN.fullmatch(path.name) or _HALF.fullmatch(path.name):
+            path.unlink(missing_ok=True)
+    with suppress(OSError):  # it holds files of others
+        folder.rmdir()
 
 
 def _write_json(path: Path, value: Mapping[str, StoredEntry]) -> None:
