@@ -192,6 +192,12 @@ def test_a_first_column_without_a_name_that_counts_nothing_is_refused(tmp_path):
         read(tmp_path, ",x,y\n" + rows(",", lambda i: str(i + 7)), sampling_rate=RATE, **TWO)
 
 
+def test_of_columns_without_a_name_the_one_that_is_no_count_of_rows_is_told(tmp_path):
+    text = ",time_s,,2Z+ [m/s^2]\n" + "".join(f"{i},{i / RATE:.6f},{i % 7},{i % 5}\n" for i in range(20))
+    with pytest.raises(FileError, match="line 1, column 3 has no name"):
+        read(tmp_path, text)
+
+
 def test_row_numbers_are_no_frequencies(tmp_path):
     text = ",1X/2X [g/N] re,1X/2X [g/N] im\n" + rows(",", str)
     with pytest.raises(FileError, match="column 1 has no name and counts the rows, where frequencies must stand"):

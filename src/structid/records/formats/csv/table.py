@@ -254,9 +254,10 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
             " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
             f" column, or give {layout_words(separator=None)}, {layout_words(decimal=None)} or {layout_words(skip_rows=None)}"
         )
-    if "" in names[1:] or (not names[0] and not _counts_rows(grid)):
+    first = 1 if _counts_rows(grid) else 0
+    if "" in names[first:]:
         raise FileError(
-            f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
+            f"{path}: line {grid.header_line}, column {names.index('', first) + 1} has no name, as where cells were merged; name every"
             f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
         )
     if len(names) < 2 and is_axis(names[0]):
