@@ -150,6 +150,20 @@ def test_functions_that_say_too_little_are_refused(tmp_path, text, words):
         read_correlation(path)
 
 
+@pytest.mark.parametrize(
+    "pairs, options, words",
+    [
+        ([*TO_SECOND, (0, 1)], {}, r"has the correlation function of 1X\+ and 2X\+ twice"),
+        (TO_SECOND, {"channels": "9X"}, r"has no correlation function of 9X\+; it has"),
+        (TO_SECOND, {"channels": "1X,3X"}, r"has no correlation function between 1X\+ and 3X\+ alone; .* 1X\+/2X\+, 2X"),
+    ],
+)
+def test_messages_name_functions_of_correlation_by_their_name(tmp_path, pairs, options, words):
+    path = universal(tmp_path / "a.unv", pairs)
+    with pytest.raises(InputError, match=words):
+        read_correlation(path, ReadOptions(**options))
+
+
 def test_a_file_with_spectra_too_asks_which(tmp_path):
     path = universal(tmp_path / "a.unv", TO_SECOND)
     path.write_text(path.read_text() + function(0, 1, 0.0, LAGS[:, 0, 1], 3, time=(18, "Hz")))

@@ -188,6 +188,7 @@ def test_channels_and_functions_are_chosen(tmp_path):
     for options, words in (
         ({"channels": "1X,9X"}, r"no spectrum of 9X\+"),
         ({"columns": "1,99"}, "99"),
+        ({"channels": "2X", "columns": "1,2"}, r"no spectrum between 2X\+ alone; .* functions: 1X\+/1X\+, 2X\+/1X\+$"),
         ({"quantities": "velocity"}, "quantities"),
     ):
         with pytest.raises(InputError, match=words):

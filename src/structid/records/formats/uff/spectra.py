@@ -67,9 +67,8 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     InputError
         If an option does not apply, or names a channel that the file lacks.
     """
-    blocks, by_pair, factors, windows = _read_pairs(
-        path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)"
-    )
+    words = "spectra of motion (function types 2, 3 and 9)"
+    blocks, by_pair, factors, windows = _read_pairs(path, options, SPECTRA, words, "spectrum")
     functions = list(by_pair.values())
     to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
     channels, references = _complete_references(path, by_pair, by_pair, "cross-spectra")
@@ -106,7 +105,7 @@ class _Pairs(NamedTuple):
     windows: str
 
 
-def _read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> _Pairs:
+def _read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str, noun: str) -> _Pairs:
     """Functions of types `kinds` in the universal file at `path` by (response, reference), between the channels of `options`.
 
     Returns the file's blocks, the functions, the factors of dataset 164 (None if `options.units` is set or the file has none) and
@@ -116,9 +115,10 @@ def _read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: s
     ------
     FileError
         If there are none, a pair occurs twice, or a node belongs to several components; `words` describe the functions in
-        messages.
+        messages, `noun` a single one.
     InputError
-        If an option does not apply to them, or names a channel that the file lacks.
+        If an option does not apply to them, names a channel that the file lacks, or channels without a function between
+        them.
     """
     other = next((name for name in options.given() if name not in _USED), None)
     if other is not None:
@@ -137,22 +137,29 @@ def _read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: s
     by_pair: dict[tuple[Dof, Dof], Dataset58] = {}
     with about("channels"):
         wanted = set(parse_dofs(options.channels))
-    present = {dof for function in functions for dof in _response_and_reference(path, function)}
+    pairs = [_response_and_reference(path, function) for function in functions]
+    present = {dof for pair in pairs for dof in pair}
     if wanted - present:
         raise InputError(
-            f"{path}: has no spectrum of {min(map(str, wanted - present))}; it has {', '.join(sorted(map(str, present)))}",
+            f"{path}: has no {noun} of {min(map(str, wanted - present))}; it has {', '.join(sorted(map(str, present)))}",
             "channels",
         )
-    for function in functions:
-        pair = _response_and_reference(path, function)
+    for pair, function in zip(pairs, functions, strict=True):
         if wanted and not set(pair) <= wanted:
             continue
         if pair in by_pair:
             raise FileError(
-                f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].ordinal} and"
+                f"{path}: has the {noun} of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].ordinal} and"
                 f" {function.ordinal}; keep one of them"
             )
         by_pair[pair] = function
+    if not by_pair:
+        shown = ", ".join(f"{response}/{reference}" for response, reference in dict.fromkeys(pairs))
+        raise InputError(
+            f"{path}: has no {noun} between {' and '.join(sorted(map(str, wanted)))} alone; name the channels of its"
+            f" functions: {shown}",
+            "channels",
+        )
     windows = qualifier_words(path, blocks, {function.ordinal for function in by_pair.values()})
     return _Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
 
@@ -365,7 +372,7 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
         If an option does not apply, or names a channel that the file lacks.
     """
     words = "correlation functions of motion (function types 7 and 8)"
-    blocks, by_pair, factors, windows = _read_pairs(path, options, _CORRELATIONS, words)
+    blocks, by_pair, factors, windows = _read_pairs(path, options, _CORRELATIONS, words, "correlation function")
     functions = list(by_pair.values())
     to_seconds, axis_words = one_axis_unit(path, functions, "times", options)
     density = next((function for function in functions if _is_per_hertz(function)), None)
