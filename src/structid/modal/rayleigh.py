@@ -113,14 +113,16 @@ def pseudo_rayleigh(
         How samples are averaged, see `sample_weights`; ``gregory`` by default for ``end_corrected``, else
         ``trapezoid``. ``second_difference`` takes all interior samples.
     n_modes : int, optional
-        How many independent motions to keep of A, largest first; by default all above `tolerance`.
+        How many independent motions to keep, those of the largest eigenvalues of A (as `tolerance` compares them); by
+        default all above `tolerance`.
     mass : (n_channels,) or (n_channels, n_channels) array, optional
         Mass of the channels (density times quadrature weight in the collocation form of Eq. 5.26, or the mass
         matrix of the interpolation functions in the finite element form of Eq. 5.22). Mode shapes are then M^-1 V, as
         the dissertation has them (of the V that lie in M times the measured motion, Phi (Phi' M Phi)^-1); without it
         they are Phi = V^-T, which needs no mass and is no less exact.
     tolerance : float
-        Eigenvalues of A below this part of the largest count as zero.
+        Eigenvalues of A below this part of the largest count as zero, once translations and rotations are each brought
+        to unit root mean square.
 
     Returns
     -------
