@@ -155,7 +155,11 @@ def test_functions_that_say_too_little_are_refused(tmp_path, text, words):
     [
         ([*TO_SECOND, (0, 1)], {}, r"has the correlation function of 1X\+ and 2X\+ twice"),
         (TO_SECOND, {"channels": "9X"}, r"has no correlation function of 9X\+; it has"),
-        (TO_SECOND, {"channels": "1X,3X"}, r"has no correlation function between 1X\+ and 3X\+ alone; .* 1X\+/2X\+, 2X"),
+        (
+            TO_SECOND,
+            {"channels": "1X,3X"},
+            r"has no correlation function between 1X\+ and 3X\+ alone; .* 1X\+/2X\+, 2X",
+        ),
     ],
 )
 def test_messages_name_functions_of_correlation_by_their_name(tmp_path, pairs, options, words):

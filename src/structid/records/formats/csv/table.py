@@ -257,8 +257,8 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
     first = 1 if _counts_rows(grid) else 0
     if "" in names[first:]:
         raise FileError(
-            f"{path}: line {grid.header_line}, column {names.index('', first) + 1} has no name, as where cells were merged; name every"
-            f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
+            f"{path}: line {grid.header_line}, column {names.index('', first) + 1} has no name, as where cells were merged; name"
+            f" every column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
         )
     if len(names) < 2 and is_axis(names[0]):
         raise FileError(
