@@ -18,8 +18,8 @@ from structid.records.formats import FORMATS
 
 #: What each kind of file loses by its nature, as its documentation says.
 LOST = {
-    ".csv": {"variance", "averages", "noise_source", "source"},
-    ".uff": {"variance", "noise_source", "source"},
+    ".csv": {"variance", "averages", "noise_source", "source", "relative", "sizes"},
+    ".uff": {"variance", "noise_source", "source", "relative", "sizes"},
 }
 LOST |= {".txt": LOST[".csv"], ".tsv": LOST[".csv"], ".unv": LOST[".uff"]}
 #: Read only, or one of the forms of another suffix.
@@ -41,7 +41,7 @@ def frf_records(draw):
     lines = draw(st.integers(1, 4))
     shape = (lines, len(outputs), len(inputs))
     steps = draw(arrays(float, lines, elements=st.sampled_from((0.25, 1.0, 1 / 3))))
-    has = draw(st.tuples(st.booleans(), st.booleans(), st.booleans()))
+    has = draw(st.tuples(*[st.booleans()] * 5))
     return FrfRecord(
         frequency=np.cumsum(steps) if lines > 1 else np.array([0.5]),
         values=draw(arrays(float, shape, elements=numbers)) + 1j * draw(arrays(float, shape, elements=numbers)),
@@ -53,6 +53,8 @@ def frf_records(draw):
         averages=draw(st.integers(1, 10**6)) if has[2] else None,
         noise_source=draw(st.sampled_from(("coherence", "repeats", "declared", "unknown"))),
         source=draw(texts),
+        relative=draw(arrays(float, shape, elements=parts)) if has[3] else None,
+        sizes=draw(arrays(float, shape, elements=parts)) if has[4] else None,
     )
 
 
@@ -107,6 +109,39 @@ def test_complete_formats_keep_everything(suffix, record):
     assert differences(record, through(suffix, record)) == set()
 
 
+def with_all_fields(frf, history):
+    """The FRFs and the history with something in every field, whatever fields the classes will have."""
+    sizes = np.abs(frf.values) / 3
+    frf = dataclasses.replace(frf, decay=0.25 * np.arange(7), segment=2.0, relative=sizes / 100, sizes=sizes)
+    for record in (frf, history):
+        for field in dataclasses.fields(record):
+            if field.default is not dataclasses.MISSING:
+                value = getattr(record, field.name)
+                assert isinstance(value, np.ndarray) or value != field.default, field.name
+    return frf, history
+
+
+@pytest.mark.parametrize("suffix", COMPLETE)
+def test_complete_formats_forget_no_field(suffix, frf, history):
+    for record in with_all_fields(frf, history):
+        assert differences(record, through(suffix, record)) == set()
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in WRITTEN if suffix in LOST])
+def test_partial_formats_forget_only_what_they_say_and_refuse_what_changes_the_meaning(tmp_path, suffix, frf, history):
+    frf, history = with_all_fields(frf, history)
+    for name in ("decay", "segment"):
+        with pytest.raises(InputError, match=rf"cannot keep `{name}`, .*write \.npz, \.h5 or \.mat"):
+            write_record(
+                tmp_path / f"a{suffix}",
+                dataclasses.replace(frf, **{"decay": None, "segment": None, name: getattr(frf, name)}),
+            )
+    assert not list(tmp_path.iterdir())
+    frf = dataclasses.replace(frf, decay=None, segment=None)
+    for record in (frf, history):
+        assert differences(record, through(suffix, record)) <= LOST[suffix] | {"sampling_rate"}
+
+
 @pytest.mark.parametrize("suffix", [suffix for suffix in FIRST if suffix in LOST])
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(record=st.one_of(frf_records(), time_records()))
@@ -137,7 +172,7 @@ def test_all_suffixes_keep_signs_and_rotations(suffix, frf, history):
     back = through(suffix, frf)
     assert [str(d) for d in back.outputs] == ["1X-", "2RZ+", "12Z-"]
     assert [str(d) for d in back.inputs] == ["3Z-", "4RX+"]
-    assert differences(frf, back) == LOST.get(suffix, set())
+    assert differences(frf, back) == LOST.get(suffix, set()) - {"relative", "sizes"}
     assert differences(history, through(suffix, history)) <= {"variance", "source", "sampling_rate"} & (
         LOST.get(suffix, set()) | {"sampling_rate"}
     )

@@ -197,23 +197,28 @@ def _require_applicable(path: Path, module: FormatModule | LoggerFormat, options
 def write_record(path: str | os.PathLike[str], record: FrfRecord | TimeRecord) -> None:
     """Write `record` to `path`, whole or not at all, in the format of the suffix; an existing file is replaced.
 
-    NPZ, HDF5 and MAT keep everything but `segment` and `sizes` of FRFs. CSV keeps values, coherence and standard
-    deviations of FRFs; UFF keeps values, coherence and averages.
+    NPZ, HDF5 and MAT keep everything. CSV keeps values, coherence and standard deviations of FRFs; UFF keeps values,
+    coherence and averages.
 
     Raises
     ------
     FileError
         If the suffix is not known or the file cannot be written; a file already there stays as it was.
     InputError
-        If the FRFs have a `decay` (damping added by a window or by smoothing), which no format keeps, or a text holds
-        control characters.
+        If FRFs have a `decay` or a `segment`, which say what the values are, and the format keeps none; or a text
+        holds control characters.
     """
     require_class("path", path, (str, os.PathLike), "the path comes first, then the record")
     require_class("record", record, (FrfRecord, TimeRecord), "modes go to a file by `structid modes`")
     path = Path(path)
-    if isinstance(record, FrfRecord) and record.decay is not None:
-        raise InputError(f"{path}: FRFs with `decay` cannot be written; write the record that they were made from")
-    _format_of(path).write(path, record)
+    module = _format_of(path)
+    for name in ("decay", "segment") if isinstance(record, FrfRecord) and module in (CSV, UFF) else ():
+        if getattr(record, name) is not None:
+            raise InputError(
+                f"{path}: this format cannot keep `{name}`, without which the FRFs say something else; write .npz, .h5 or"
+                " .mat instead"
+            )
+    module.write(path, record)
 
 
 class _Kept:

@@ -121,7 +121,7 @@ def _needed_datasets(shapes: Shapes, wanted: set[str]) -> set[str]:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` to `path` as an HDF5 file in structid's layout, which leaves out `segment` and `sizes` of FRFs.
+    """Write `record` to `path` as an HDF5 file in structid's layout, complete.
 
     It is made in memory, so that a full disk shows as an ordinary error when the bytes are written.
 

@@ -11,7 +11,8 @@ field                   meaning
 ``values``              SI, (n_frequencies, n_outputs, n_inputs) or (n_times, n_channels)
 ``outputs, inputs``     degrees of freedom such as ``12Z+``; ``channels`` of a time record
 ``kind, quantities``    what the values are
-``variance``            of the values; ``coherence``, ``averages``, ``noise_source``, ``relative`` as in `FrfRecord`
+``variance``            of the values; ``coherence``, ``averages``, ``noise_source``, ``relative``, ``sizes``,
+                        ``decay``, ``segment`` as in `FrfRecord`
 ``source``              where the record came from
 ======================  =====================================================================
 """
@@ -38,8 +39,6 @@ _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
 
 def fields_of(record: FrfRecord | TimeRecord) -> dict[str, Field]:
     """Fields of `record` by name in structid's layout, arrays and texts; `record_from` restores the record from them.
-
-    Of FRFs `decay`, `segment` and `sizes` are left out.
 
     Raises
     ------
@@ -75,10 +74,7 @@ def _time_fields(record: TimeRecord) -> dict[str, Field]:
 
 
 def _frf_fields(record: FrfRecord) -> dict[str, Field]:
-    """Arrays and texts of an FRF record by their names in structid's layout.
-
-    `decay`, `segment` and `sizes` have no name there and are left out, as are fields that are None.
-    """
+    """Arrays and texts of an FRF record by their names in structid's layout; fields that are None are left out."""
     fields: dict[str, Field] = {
         MARK: _FRF_MARK,
         "frequency": record.frequency,
@@ -89,15 +85,10 @@ def _frf_fields(record: FrfRecord) -> dict[str, Field]:
         "noise_source": record.noise_source,
         "source": record.source,
     }
-    if record.variance is not None:
-        fields["variance"] = record.variance
-    if record.coherence is not None:
-        fields["coherence"] = record.coherence
-    if record.relative is not None:
-        fields["relative"] = record.relative
-    if record.averages is not None:
-        fields["averages"] = np.array([record.averages])
-    return fields
+    arrays = {name: getattr(record, name) for name in ("variance", "coherence", "relative", "sizes", "decay")}
+    numbers = {name: getattr(record, name) for name in ("averages", "segment")}
+    fields |= {name: array for name, array in arrays.items() if array is not None}
+    return fields | {name: np.array([number]) for name, number in numbers.items() if number is not None}
 
 
 def _names(dofs: tuple[Dof, ...]) -> tuple[str, ...]:
@@ -126,7 +117,7 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
     """The FRF record made from `fields` in structid's layout; `path` is named in errors.
 
     Raises `FileError` if a field is missing or of the wrong type, `InputError` if the fields do not make a record.
-    Variance, coherence, relative noise and number of averages may be missing (None).
+    Fields that `FrfRecord` may be made without may be missing.
     """
     frequency = _array(path, fields, "frequency").ravel()
     outputs = parse_dofs(_texts(path, fields, "outputs"))
@@ -144,6 +135,9 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
         averages=int(_number(path, fields, "averages")) if "averages" in fields else None,
         noise_source=_text(path, fields, "noise_source"),
         source=_text(path, fields, "source"),
+        decay=_optional(path, fields, "decay", frequency.shape),
+        segment=_number(path, fields, "segment") if "segment" in fields else None,
+        sizes=_optional(path, fields, "sizes", shape),
     )
 
 

@@ -42,9 +42,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` to `path` as a MAT file of version 5 in structid's layout, whole or not at all.
-
-    The layout leaves out `segment` and `sizes` of FRFs.
+    """Write `record` to `path` as a MAT file of version 5 in structid's layout, complete.
 
     Raises
     ------
