@@ -1,7 +1,7 @@
 """Modes in files: what is written comes back, other programs can read it, and damage is named."""
 
 import json
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from structid.modal import ModalRecord
 from structid.modal.formats.csv import is_modes_table
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.options import ModeFileOptions
-from structid.modal.modal_record import unit_largest
+from structid.modal.modal_record import ModalChanges, unit_largest
 from structid.records import Geometry, read_geometry
 
 CHANNELS = ("1X-", "1Y+", "2X+", "7Z-")
@@ -47,6 +47,23 @@ def test_json_keeps_everything_to_the_last_bit(tmp_path, is_complex, known, scal
     for name in ("channels", "warnings", "source", "scaling"):
         assert getattr(back, name) == getattr(written, name)
     assert back.mode_shapes.dtype == written.mode_shapes.dtype
+
+
+def test_json_forgets_no_field_and_no_digit(tmp_path):
+    random = np.random.default_rng(1)
+    changes = ModalChanges(
+        random.standard_normal((5, 3)), random.standard_normal((5, 3)), random.standard_normal((5, 4, 3, 2)) @ (1, 1j)
+    )
+    written = replace(modes(scaling="mass"), changes=changes)
+    write_modes(tmp_path / "modes.json", written)
+    back = read_modes(tmp_path / "modes.json")
+    for one, other in ((written, back), (written.changes, back.changes)):
+        for field in fields(one):
+            value, found = getattr(one, field.name), getattr(other, field.name)
+            if field.default is not MISSING:
+                assert isinstance(value, np.ndarray) or value != field.default, field.name
+            if field.name != "changes":
+                assert same(value, found) if isinstance(value, np.ndarray) else value == found, field.name
 
 
 @pytest.mark.parametrize("is_complex", [False, True])

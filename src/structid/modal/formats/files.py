@@ -69,7 +69,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
 
     Notes
     -----
-    JSON keeps everything, `changes` in nine digits. A universal file keeps six digits, and no covariance, standard
+    JSON keeps everything, with all digits. A universal file keeps six digits, and no covariance, standard
     deviations, warnings or unknown entries of shapes; each sense becomes the positive one, and a damping ratio of 0
     means that it is not known. CSV keeps standard deviations but not how errors move together: they count as
     independent. Shape entries that are blank or ``nan`` there, or null in JSON, are unknown. Of Nastran's files
@@ -162,7 +162,7 @@ def modal_fields(modes: ModalRecord) -> dict[str, StoredEntry]:
 
 
 def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
-    """Changes of modes for JSON, as tables with one row for each change, in nine digits.
+    """Changes of modes for JSON, as tables with one row for each change.
 
     Rows hold frequencies (Hz), damping ratios, and real and imaginary parts of shapes, all modes of one channel after another.
     """
@@ -173,7 +173,7 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
         "shapes_real": shapes.real,
         "shapes_imaginary": shapes.imag,
     }
-    return {key: [[float(f"{x:.9g}") for x in row] for row in part.tolist()] for key, part in parts.items()}
+    return {key: part.tolist() for key, part in parts.items()}
 
 
 def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
