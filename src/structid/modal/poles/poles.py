@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
+from structid.core.arrays import (
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    arrays_to_tuples,
+    locked,
+    require_finite,
+    require_shape,
+)
 from structid.core.errors import InputError
 
 
@@ -96,7 +104,8 @@ class HardCriteria:
     mpc: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise `InputError` on a range of frequency or damping ratio that does not increase."""
+        """Make tuples of arrays; raise `InputError` on a range of frequency or damping ratio that does not increase."""
+        arrays_to_tuples(self, "frequency", "damping_ratio")
         for name in ("frequency", "damping_ratio"):
             low, high = getattr(self, name)
             if not low < high:

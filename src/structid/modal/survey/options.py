@@ -64,7 +64,8 @@ class ModesOptions:
         """Convert texts to numbers and arrays to tuples, and raise `InputError` on values out of range.
 
         Texts are lists in `frequencies` and `remove_tones` (but for "auto"), a list or range in `orders`, a number in
-        `detrend`. `frequencies`, `remove_tones`, `rate`, `deviation` and `window` must be positive, `band` a range.
+        `detrend`. No list may be empty. `frequencies`, `remove_tones`, `rate`, `deviation` and `window` must be
+        positive, `band` a range.
         """
         arrays_to_tuples(self, "band", "frequencies", "orders", "remove_tones", "damping")
         for name, words in (("frequencies", ()), ("remove_tones", ("auto",))):
@@ -76,6 +77,10 @@ class ModesOptions:
                 raise InputError(f"`{name}` must be greater than 0 Hz, got {list(value)}")
         if isinstance(self.orders, str):
             object.__setattr__(self, "orders", _orders(self.orders))
+        for name, example in (("frequencies", "1.9,2.4"), ("remove_tones", "25,50"), ("orders", "10,20,30 or 2:60")):
+            value = getattr(self, name)
+            if value is not None and len(value) == 0:
+                raise InputError(f"`{name}` must hold at least one number, as in {example}; or leave it out")
         if isinstance(self.detrend, str) and is_whole_number(self.detrend):
             object.__setattr__(self, "detrend", int(self.detrend))
         if self.band is not None:
@@ -95,7 +100,7 @@ class ModesOptions:
 def _orders(text: str) -> tuple[int, ...]:
     """Model orders from a text such as ``10,20,30``, ``2:60`` (in steps of 2, end included) or ``4:80:4``.
 
-    Raises `InputError` if the text is no list or range, or the range is empty.
+    Raises `InputError` if the text is no list or range, or a range is empty.
     """
     try:
         if ":" not in text:
