@@ -63,3 +63,60 @@ def test_directions_of_transforms_are_those_of_their_points(keywords):
     np.testing.assert_allclose(turned.displacement_axes[2], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
     round_a_pole = keywords("*NSET, NSET=N\n3\n*TRANSFORM, NSET=N, TYPE=S\n1., 0., 0., 1., 0., 5.")
     np.testing.assert_allclose(round_a_pole.displacement_axes[3], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+COMPONENT = "a component must be one digit from 1 to 6, got "
+COMPONENTS = "components must be among 1 to 6, each once, got "
+
+
+@pytest.mark.parametrize(
+    "cards, why",
+    [
+        ("CBUSH,7,7,4,5,4\nPBUSH,7,K,1.,2.,3.", "its orientation is along its axis, or has no length"),
+        ("CBUSH,7,7,4,5,0.,0.,0.\nPBUSH,7,K,1.,2.,3.", "its orientation is along its axis, or has no length"),
+        ("CELAS2,8,5.,1,12", f"CELAS2 8 cannot be read: {COMPONENT}'12'"),
+        ("CELAS2,8,5.,1,7", f"CELAS2 8 cannot be read: {COMPONENT}'7'"),
+        ("CMASS2,8,5.,1,12", f"CMASS2 8 cannot be read: {COMPONENT}'12'"),
+        ("CELAS2,8,5.,1_0,1", "CELAS2 8 cannot be read: '1_0' is no whole number"),
+        ("MPC,1,5,12,1.,1,1,-1.", f"MPC 1 cannot be read: {COMPONENT}'12'"),
+        ("MPC,1,5,1,0.,1,1,-1.", "the factor of its dependent term is 0"),
+        ("MPC,1,5,1,1.,,1,-1.", "MPC 1 cannot be read: a term ', 1, -1.' has no grid point"),
+        ("MPC,x,5,1,1.,1,1,-1.", "'X' is no number of a set"),
+        ("RBE2,7,5,,1,2", f"RBE2 7 cannot be read: {COMPONENTS}''"),
+        ("RBE2,7,5,11,1,2", f"RBE2 7 cannot be read: {COMPONENTS}'11'"),
+        ("RBE2,7,5,123", "RBE2 7 cannot be read: it needs dependent nodes other than its main node 5"),
+        ("RBE2,7,5,123,5,1", "RBE2 7 cannot be read: it needs dependent nodes other than its main node 5"),
+        ("RBE2,7,5,123,2,THRU,4,BY,0", "RBE2 7 cannot be read: steps of 0 do not lead from 2 to 4"),
+        ("RBE2,7,5,123,4,THRU,2", "RBE2 7 cannot be read: steps of 1 do not lead from 4 to 2"),
+        ("CVISC,7,1,1,2\nPVISC,1,x", "its property 1 cannot be read: X"),
+        ("CBUSH,7,7,4,5,,,,0\nPBUSH,7,K,x", "its property 7 cannot be read: X"),
+        ("CBUSH1D,7,7,4,5\nPBUSH1D,7,x", "its property 7 cannot be read: X"),
+        ("CELAS1,8,5,1,1\nPELAS,5,1.\nPELAS,5,2.", "its PELAS stands twice, with other fields"),
+        ("CVISC,7,1,1,2\nPVISC,1,1.\nPVISC,1,2.\nPVISC,1,2.", "its PVISC stands twice, with other fields"),
+    ],
+)
+def test_cards_with_odd_fields_are_obstacles_with_the_reason(bulk, cards, why):
+    part = part_of(bulk(cards), cards.partition(",")[0])
+    assert part.obstacle == why
+    assert (part.springs, part.masses, part.ties) == ((), (), ())
+
+
+@pytest.mark.parametrize(
+    "card, word", [("PVISC,1.0,3.", "1.0"), ("PELAS,x,3.", "X"), ("PMASS,,3.", ""), ("PBUSH,x,K,3.", "X")]
+)
+def test_a_property_without_a_number_is_listed_and_others_are_read(bulk, card, word):
+    mesh = bulk(f"{card}\nPELAS,5,7.\nCELAS1,8,5,1,1")
+    assert part_of(mesh, card.partition(",")[0]).obstacle == f"it has {word!r} for its number"
+    assert [spring.stiffness for spring in part_of(mesh, "CELAS1").springs] == [7.0]
+
+
+def test_a_blank_property_is_that_of_the_number_of_the_element(bulk):
+    mesh = bulk("PELAS,8,7.\nPDAMP,9,3.\nCELAS1,8,,1,1\nCDAMP1,9,,1,1")
+    assert [(spring.stiffness, spring.set_name) for spring in part_of(mesh, "CELAS1").springs] == [(7.0, "8")]
+    assert [spring.damping for spring in part_of(mesh, "CDAMP1").springs] == [3.0]
+
+
+@pytest.mark.parametrize("word", ["", "0.", "-1.", "x"])
+def test_a_factor_of_masses_that_is_not_above_0_is_refused(bulk, word):
+    with pytest.raises(FileError, match=f"PARAM,WTMASS with the value '{word.upper()}'"):
+        bulk(f"PARAM,WTMASS,{word}\nCONM2,8,1,,5.")

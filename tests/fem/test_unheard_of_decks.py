@@ -60,12 +60,17 @@ def test_elements_that_stand_twice_count_once_or_are_refused(tmp_path):
         (
             "CBUSH,5,6,1,2,,,,0\nPBUSH,6,K,1.\nPBUSHT,6,K,4\n",
             "CBUSH",
-            "its values depend on frequency or force (PBUSHT, PELAST)",
+            "its values depend on frequency or force (PBUSHT, PDAMPT, PELAST)",
         ),
         (
             "CELAS1,5,6,1,1\nPELAS,6,1.\nPELAST,6,4\n",
             "CELAS1",
-            "its values depend on frequency or force (PBUSHT, PELAST)",
+            "its values depend on frequency or force (PBUSHT, PDAMPT, PELAST)",
+        ),
+        (
+            "CDAMP1,5,6,1,1\nPDAMP,6,1.\nPDAMPT,6,4\n",
+            "CDAMP1",
+            "its values depend on frequency or force (PBUSHT, PDAMPT, PELAST)",
         ),
     ],
 )

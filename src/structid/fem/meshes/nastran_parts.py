@@ -37,7 +37,10 @@ from structid.fem.meshes.deck_parts import (
 )
 from structid.fem.supports import Constraint, RigidLink
 
-_PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D", "PBUSHT", "PELAST")
+#: Fields of a property on each card of properties; 0 where a card holds one.
+_PROPERTIES = {"PELAS": 4, "PDAMP": 2, "PMASS": 2, "PVISC": 4, "PBUSH": 0, "PBUSH1D": 0}
+#: Cards that make the values of properties with the same number depend on frequency or force.
+_TABLES = {"PBUSH": "PBUSHT", "PELAS": "PELAST", "PDAMP": "PDAMPT"}
 #: Cards that are listed, and why nothing stands for them.
 _UNREAD = {
     "CELAS3": "scalar points",
@@ -99,14 +102,16 @@ _READ: tuple[str, ...] = (
     *("RBE2", "RBE3", "RBAR", "MPC", "MPCADD"),
 )
 _WTMASS = re.compile(rb"^[ \t]*PARAM[ \t]*[, \t][ \t]*WTMASS[ \t]*[, \t][ \t]*([^,\s$]+)", re.IGNORECASE | re.MULTILINE)
-_TABLED = "its values depend on frequency or force (PBUSHT, PELAST)"
+_TABLED = "its values depend on frequency or force (PBUSHT, PDAMPT, PELAST)"
 #: Nodes that THRU may stand for.
 _MOST_LISTED = 1_000_000
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_COMPONENTS = re.compile(r"(?!.*(.).*\1)[1-6]+")
 _SCALAR = "it is at a scalar point, or a grid point that is not there"
 _NO_PROPERTY = "its property is not in the deck"
 _OBLIQUE = "a dependent node's own displacement system is turned against the global axes"
 #: Cards that a mesh reader must ask for to make parts of a deck.
-PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *_UNREAD)
+PART_CARDS = (*_READ, *_PROPERTIES, *_TABLES.values(), "PARAM", *_UNREAD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +139,6 @@ class _DeckContext:
         """Directions (3, 3) of the coordinate system number `system` at the grid point `node`, as rows."""
         position = self.positions[node] / self.units.length
         return self.systems.system(system).directions_at(position)[0]
-
-    def tabled(self, name: str) -> set[int]:
-        """Numbers of properties whose values a card such as PBUSHT makes depend on frequency or force."""
-        return {int(words[0]) for words in self.rows(name)}
 
     def rows(self, name: str) -> list[list[str]]:
         """The fields of each card of a name, in words."""
@@ -172,7 +173,7 @@ def read_parts(
     Raises
     ------
     FileError
-        If PARAM,WTMASS has several values.
+        If PARAM,WTMASS has several values, or one that is no number above 0.
     """
     units = DeckUnits(units.length, units.force, _mass_factor(text, cards))
     deck = _DeckContext(cards, systems, positions, axes, units)
@@ -182,6 +183,7 @@ def read_parts(
         if name in cards
         for part in _read_cards(name, deck.rows(name), make)
     ]
+    parts += [part for name in _PROPERTIES for part in _unnumbered_properties(deck, name)]
     parts += _read_mpc_set(deck, text.case_control)
     counts = Counter({name: len(cards[name]) for name in _UNREAD if name in cards})
     parts += [DeckPart(name, count, obstacle=_UNREAD[name]) for name, count in counts.items()]
@@ -189,12 +191,18 @@ def read_parts(
 
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
-    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it, 0 if the value is blank.
+    """The value of PARAM,WTMASS in the bulk data or in case control, 1 without it.
 
-    Raises `FileError` if there are several values, `ValueError` if one is no number.
+    Raises `FileError` if there are several values, or one is no number above 0.
     """
     stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
+    for word in stated:
+        if not (_is_number(word) and _real(word) > 0):
+            raise FileError(
+                f"{text.path}: has PARAM,WTMASS with the value {word!r}, which masses are multiplied by; write a number above 0, or"
+                " leave the line out"
+            )
     factors = {_real(word) for word in stated}
     if len(factors) > 1:
         raise FileError(
@@ -206,15 +214,24 @@ def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
 
 #: Why a part cannot be taken, "" where it can, and the part.
 ObstacleAndPart = tuple[str, DeckPart]
-#: Stiffness and damping (6,) of a property, its loss factor, and why it cannot be taken, by its number.
-Values = dict[int, tuple[FloatArray, FloatArray, float, str]]
+#: Fields of a property behind its number, and why it cannot be taken, by its number.
+Properties = dict[int, tuple[list[str], str]]
+#: Stiffness and damping (6,) of a property, its loss factor, and why it cannot be taken.
+BushValues = tuple[FloatArray, FloatArray, float, str]
 Reader = Callable[[Sequence[str]], ObstacleAndPart]
 
 
 def _readers(deck: _DeckContext) -> dict[str, Reader]:
     """Reader of one card, by the name of the card."""
-    tables = {name: _property_fields(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
-    bushes = {"CBUSH": _read_pbush(deck), "CBUSH1D": _read_pbush1d(deck), "CVISC": _read_pvisc(deck)}
+    tables = {name: _properties(deck, name) for name in ("PELAS", "PDAMP", "PMASS")}
+    bushes = {
+        card: _read_values(_properties(deck, name), read)
+        for card, name, read in (
+            ("CBUSH", "PBUSH", _read_pbush),
+            ("CBUSH1D", "PBUSH1D", _read_pbush1d),
+            ("CVISC", "PVISC", _read_pvisc),
+        )
+    }
     return {
         "CONM1": partial(_read_body, deck, "CONM1"),
         "CONM2": partial(_read_body, deck, "CONM2"),
@@ -255,7 +272,10 @@ def _real(word: str) -> float:
 
 
 def _whole(word: str) -> int:
-    return int(word) if word else 0
+    """The whole number `word`, 0 if it is blank; `ValueError` if it is none."""
+    if word and not _WHOLE.fullmatch(word):
+        raise ValueError(f"{word!r} is no whole number")
+    return int(word or 0)
 
 
 def _pad_words(words: Sequence[str], count: int) -> list[str]:
@@ -263,11 +283,17 @@ def _pad_words(words: Sequence[str], count: int) -> list[str]:
 
 
 def _component_indices(word: str) -> list[int]:
-    """The digits of `word`, components such as "123", as indices 0, 1, 2; `ValueError` unless all are 1 to 6."""
-    components = [int(digit) - 1 for digit in word]
-    if not set(components) <= set(range(6)):
-        raise ValueError(f"components must be among 1 to 6, got {word!r}")
-    return components
+    """The digits of `word`, components such as "123", as indices 0, 1, 2; `ValueError` unless all are 1 to 6, once."""
+    if not _COMPONENTS.fullmatch(word):
+        raise ValueError(f"components must be among 1 to 6, each once, got {word!r}")
+    return [int(digit) - 1 for digit in word]
+
+
+def _component_index(word: str) -> int:
+    """The single component `word`, a digit from 1 to 6, as an index from 0; `ValueError` if it is another word."""
+    if not re.fullmatch("[1-6]", word):
+        raise ValueError(f"a component must be one digit from 1 to 6, got {word!r}")
+    return int(word) - 1
 
 
 def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> ObstacleAndPart:
@@ -284,9 +310,7 @@ def _read_body(deck: _DeckContext, name: str, fields: Sequence[str]) -> Obstacle
     return "", DeckPart(name, 1, float(np.trace(matrix[:3, :3])) / 3, (NodalMass(node, matrix),))
 
 
-def _read_scalar_mass(
-    deck: _DeckContext, table: Mapping[int, list[str]] | None, fields: Sequence[str]
-) -> ObstacleAndPart:
+def _read_scalar_mass(deck: _DeckContext, table: Properties | None, fields: Sequence[str]) -> ObstacleAndPart:
     """Obstacle ("" if none) and deck part from a CMASS1 or CMASS2 card: mass of one component of a grid point.
 
     `table` has the property values by number, None for CMASS2; `fields` are those of the card. Obstacles are a property
@@ -295,14 +319,15 @@ def _read_scalar_mass(
     words = _pad_words(fields, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
-    if table is not None and _whole(words[1]) not in table:
-        return _NO_PROPERTY, DeckPart(kind, 1)
-    value = _real(words[1] if table is None else table[int(words[1])][0])
+    values, problem = _values_of(words, table, words[1:2])
+    if problem:
+        return problem, DeckPart(kind, 1)
+    value = _real(values[0])
     if node not in deck.positions or component in ("", "0"):
         return _SCALAR, DeckPart(kind, 1, deck.units.mass * value)
     if _whole(words[4]):
         return "it joins two nodes", DeckPart(kind, 1, deck.units.mass * value)
-    axis = _component_indices(component)[0]
+    axis = _component_index(component)
     matrix = np.zeros((6, 6))
     matrix[axis, axis] = value * (deck.units.inertia if axis > 2 else deck.units.mass)
     mass = NodalMass(node, turned_matrix(matrix, deck.axes_at(node)))
@@ -337,20 +362,64 @@ def _conm1_matrix(deck: _DeckContext, node: int, fields: Sequence[str]) -> Float
     return turned_matrix(deck.units.mass * scale[:, None] * matrix * scale, deck.axes_of(_whole(fields[2]), node))
 
 
-def _property_fields(deck: _DeckContext, name: str, width: int) -> dict[int, list[str]]:
-    """Fields of each property, by its number, from cards `name` that hold several properties of `width` fields each.
+def _property_words(deck: _DeckContext, name: str) -> list[list[str]]:
+    """Fields of each property on the cards `name` of `deck`, its number first; [] if there are none."""
+    width = _PROPERTIES[name]
+    rows = [_pad_words(row, 8) for row in deck.rows(name)]
+    groups = [row[k : k + width] for row in rows for k in range(0, 8, width)] if width else rows
+    return [words for words in groups if any(words)]
 
-    The number itself is the first of these, and is left out. `deck` has the cards; {} if it has none of that name.
+
+def _unnumbered_properties(deck: _DeckContext, name: str) -> list[DeckPart]:
+    """The properties on the cards `name` of `deck` whose number is none, as a part with an obstacle; [] without any."""
+    wrong = [words[0] for words in _property_words(deck, name) if not _WHOLE.fullmatch(words[0])]
+    return [DeckPart(name, len(wrong), obstacle=f"it has {wrong[0]!r} for its number")] if wrong else []
+
+
+def _properties(deck: _DeckContext, name: str) -> Properties:
+    """Fields behind the number, and an obstacle, of each property on the cards `name` of `deck`, by its number.
+
+    The obstacle is "" unless the property stands twice with other fields, or a table makes it depend on frequency or
+    force. Properties whose number is none are left out.
     """
-    table: dict[int, list[str]] = {}
-    for row in deck.rows(name):
-        words = _pad_words(row, 8)
-        table |= {int(words[k]): words[k + 1 : k + width] for k in range(0, 8, width) if words[k]}
+    table: Properties = {}
+    for first, *words in _property_words(deck, name):
+        if _WHOLE.fullmatch(first):
+            number = int(first)
+            before, problem = table.get(number, (words, ""))
+            table[number] = (words, problem if words == before else f"its {name} stands twice, with other fields")
+    for row in deck.rows(_TABLES.get(name, "")):
+        number = int(row[0]) if _WHOLE.fullmatch(row[0]) else 0
+        if number in table:
+            table[number] = (table[number][0], _TABLED)
     return table
 
 
+def _read_values(properties: Properties, read: Callable[[Sequence[str]], BushValues]) -> dict[int, BushValues]:
+    """Values that `read` makes of the fields of each of the `properties`, by number; an obstacle says if it cannot."""
+    values: dict[int, BushValues] = {}
+    for number, (words, problem) in properties.items():
+        try:
+            stiffness, damping, loss, why = read(words)
+            values[number] = (stiffness, damping, loss, problem or why)
+        except ValueError as error:
+            values[number] = (np.zeros(6), np.zeros(6), 0.0, f"its property {number} cannot be read: {error}")
+    return values
+
+
+def _values_of(words: Sequence[str], table: Properties | None, own: list[str]) -> tuple[list[str], str]:
+    """Values of an element in words, and an obstacle ("" if none): those of its property, or its `own` without a table.
+
+    `words` are the fields of its card; its property is by default that of its own number. The obstacle is "" unless the
+    property is not in the `table`, or has one itself.
+    """
+    if table is None:
+        return own, ""
+    return table.get(_whole(words[1]) or _whole(words[0]), ([], _NO_PROPERTY))
+
+
 def _read_scalar_spring(
-    deck: _DeckContext, name: str, table: Mapping[int, list[str]] | None, fields: Sequence[str]
+    deck: _DeckContext, name: str, table: Properties | None, fields: Sequence[str]
 ) -> ObstacleAndPart:
     """Obstacle ("" if none) and deck part from a CELAS1, CELAS2, CDAMP1 or CDAMP2 card `name`: a spring or dashpot.
 
@@ -359,28 +428,28 @@ def _read_scalar_spring(
     scalar point, and equal ends.
     """
     words = _pad_words(fields, 8)
-    if table is not None and _whole(words[1]) not in table:
-        return _NO_PROPERTY, DeckPart(name, 1)
-    values = [words[1], words[6]] if table is None else table[int(words[1])]
-    if table is not None and name == "CELAS1" and int(words[1]) in deck.tabled("PELAST"):
-        return _TABLED, DeckPart(name, 1)
+    values, problem = _values_of(words, table, [words[1], words[6]])
+    if problem:
+        return problem, DeckPart(name, 1)
     both = ((-1.0, _whole(words[2]), words[3]), (1.0, _whole(words[4]), words[5]))
     ends = [(sign, node, component) for sign, node, component in both if node]
     if any(node not in deck.positions or component in ("", "0") for _, node, component in ends):
         return _SCALAR, DeckPart(name, 1)
-    parts = ((node, _component_indices(component)[0], sign) for sign, node, component in ends)
+    parts = ((node, _component_index(component), sign) for sign, node, component in ends)
     weights, is_rotation = weights_between(parts, deck.axes_at, deck.units)
     if not any(weights.values()):
         return "it joins a component with itself", DeckPart(name, 1)
     value = _real(values[0]) * deck.units.stiffness(is_rotation)
     is_spring = name.startswith("CELAS")
     loss = _real(values[1]) if is_spring else 0.0
-    named = "" if table is None else words[1]
+    named = "" if table is None else words[1] or words[0]
     spring = DeckSpring(weights, value * is_spring, value * (not is_spring), loss, named)
     return "", DeckPart(name, 1, springs=(spring,))
 
 
-def _read_bush(deck: _DeckContext, name: str, values: Values, fields: Sequence[str]) -> ObstacleAndPart:
+def _read_bush(
+    deck: _DeckContext, name: str, values: Mapping[int, BushValues], fields: Sequence[str]
+) -> ObstacleAndPart:
     """Obstacle ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes.
 
     Obstacles are a property that is not there or has one itself, a scalar point, a spring off the line of its nodes,
@@ -406,7 +475,8 @@ def _read_bush(deck: _DeckContext, name: str, values: Values, fields: Sequence[s
     for component in np.flatnonzero(works).tolist():
         weights = _bush_weights(deck, first, second, axes[component % 3], component > 2, position)
         factor = deck.units.stiffness(component > 2)
-        springs.append(DeckSpring(weights, factor * stiffness[component], factor * damping[component], loss, words[1]))
+        values_here = (factor * stiffness[component], factor * damping[component])
+        springs.append(DeckSpring(weights, *values_here, loss, words[1] or words[0]))
     return "", DeckPart(name, 1, springs=tuple(springs))
 
 
@@ -446,7 +516,7 @@ def _bush_axes(
     """
     system = fields[7] if name == "CBUSH" else fields[4] if name == "CBUSH1D" else ""
     if system:
-        return deck.axes_of(int(system), first), ""
+        return deck.axes_of(_whole(system), first), ""
     along = deck.positions[second] - deck.positions[first] if second else np.zeros(3)
     length = float(np.linalg.norm(along))
     if length == 0:
@@ -455,72 +525,58 @@ def _bush_axes(
     if name != "CBUSH" or not any(fields[4:7]):
         return np.stack([x, np.zeros(3), np.zeros(3)]), ""
     if fields[4] and not any(fields[5:7]) and "." not in fields[4]:
-        other = int(fields[4])
+        other = _whole(fields[4])
         if other not in deck.positions:
             return None, f"its orientation node {other} is not there"
         vector = deck.positions[other] - deck.positions[first]
     else:
         vector = np.array([_real(word) for word in fields[4:7]]) @ deck.axes_at(first)
     z = np.cross(x, vector)
-    if np.linalg.norm(z) < 1e-9 * np.linalg.norm(vector):
-        return None, "its orientation is along its axis"
+    if not np.linalg.norm(z) > 1e-9 * np.linalg.norm(vector):
+        return None, "its orientation is along its axis, or has no length"
     z /= np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z]), ""
 
 
-def _read_pbush(deck: _DeckContext) -> Values:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card of `deck`, by the number of the card.
+def _read_pbush(words: Sequence[str]) -> BushValues:
+    """Stiffness (6,), damping (6,), loss factor and obstacle of a PBUSH card, in the unit of the file.
 
-    They are in the unit of the file. The obstacle is "" unless the stiffness is rigid, tabled or has a mass; the loss
+    `words` are its fields behind the number. The obstacle is "" unless the stiffness is rigid or has a mass; the loss
     factor is the first GE.
     """
-    values: Values = {}
-    for words in deck.rows("PBUSH"):
-        numbers = {"K": np.zeros(6), "B": np.zeros(6), "GE": np.zeros(6)}
-        problem, flag, index = "", "", 0
-        for word in words[1:]:
-            if word in ("K", "B", "GE", "M", "RCV", "KMAG", "T", "ALPHA", "TREF"):
-                flag, index = word, 0
-                problem = "its stiffness is rigid or has a mass" if word in ("KMAG", "M") else problem
-            elif flag in numbers and index < 6:
-                if word == "RIGID":
-                    problem = "its stiffness is rigid"
-                else:
-                    numbers[flag][index] = _real(word)
-                index += 1
-        problem = _TABLED if int(words[0]) in deck.tabled("PBUSHT") else problem
-        values[int(words[0])] = (numbers["K"], numbers["B"], float(numbers["GE"][0]), problem)
-    return values
+    numbers = {"K": np.zeros(6), "B": np.zeros(6), "GE": np.zeros(6)}
+    problem, flag, index = "", "", 0
+    for word in words:
+        if word in ("K", "B", "GE", "M", "RCV", "KMAG", "T", "ALPHA", "TREF"):
+            flag, index = word, 0
+            problem = "its stiffness is rigid or has a mass" if word in ("KMAG", "M") else problem
+        elif flag in numbers and index < 6:
+            if word == "RIGID":
+                problem = "its stiffness is rigid"
+            else:
+                numbers[flag][index] = _real(word)
+            index += 1
+    return numbers["K"], numbers["B"], float(numbers["GE"][0]), problem
 
 
-def _read_pbush1d(deck: _DeckContext) -> Values:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH1D card of `deck`, by number.
+def _read_pbush1d(words: Sequence[str]) -> BushValues:
+    """Stiffness (6,), damping (6,), loss factor and obstacle of a PBUSH1D card, in the unit of the file.
 
-    They are in the unit of the file. Only the first, axial, entries are not 0, and the loss factor is 0; the obstacle
-    is "" unless it has a mass or is nonlinear.
+    `words` are its fields behind the number. Only the first, axial, entries are not 0, and the loss factor is 0; the
+    obstacle is "" unless it has a mass or is nonlinear.
     """
-    values: Values = {}
-    for row in deck.rows("PBUSH1D"):
-        words = _pad_words(row, 16)
-        problem = "it has a mass or is nonlinear" if _real(words[3]) or any(words[8:]) else ""
-        values[int(words[0])] = (_axial(words[1]), _axial(words[2]), 0.0, problem)
-    return values
+    problem = "it has a mass or is nonlinear" if _real(words[2]) or any(words[7:]) else ""
+    return _axial(words[0]), _axial(words[1]), 0.0, problem
 
 
-def _read_pvisc(deck: _DeckContext) -> Values:
-    """Stiffness (0), damping (6,), loss factor (0) and obstacle ("") of each PVISC property of `deck`, by its number.
+def _read_pvisc(words: Sequence[str]) -> BushValues:
+    """Stiffness (0), damping (6,), loss factor (0) and obstacle ("") of a PVISC property, in the unit of the file.
 
-    They are in the unit of the file. Axial and torsional damping are entries 0 and 3; a card may hold two properties.
+    `words` are its fields behind the number. Axial and torsional damping are entries 0 and 3.
     """
-    values: Values = {}
-    for row in deck.rows("PVISC"):
-        words = _pad_words(row, 8)
-        for start in (0, 4):
-            if words[start]:
-                damping = _axial(words[start + 1])
-                damping[3] = _real(words[start + 2])
-                values[int(words[start])] = (np.zeros(6), damping, 0.0, "")
-    return values
+    damping = _axial(words[0])
+    damping[3] = _real(words[1])
+    return np.zeros(6), damping, 0.0, ""
 
 
 def _axial(word: str) -> FloatArray:
@@ -551,7 +607,7 @@ def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     `fields` are those after the card's name; `deck` has positions and directions of nodes. Obstacles are scalar points
     and oblique directions; there are no ties then. Raises `ValueError` or `IndexError` for a field that cannot be read.
     """
-    main = int(fields[1])
+    main = _whole(fields[1])
     dependents = _node_list([word for word in fields[3:] if _is_listed(word) or not _is_number(word)])
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
         return _SCALAR, []
@@ -569,6 +625,8 @@ def _follow_rigidly(
     """
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
+    if not dependents or main in dependents:
+        raise ValueError(f"it needs dependent nodes other than its main node {main}")
     ties: list[RigidLink | Constraint] = []
     for node in dependents:
         arm = deck.positions[node] - deck.positions[main]
@@ -586,7 +644,7 @@ def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     after the card's name; `deck` has positions and directions of nodes.
     """
     padded = _pad_words(fields, 8)
-    first, second = int(padded[1]), int(padded[2])
+    first, second = _whole(padded[1]), _whole(padded[2])
     independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
     if first not in deck.positions or second not in deck.positions:
         return _SCALAR, []
@@ -605,7 +663,7 @@ def _read_rbe3(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     default those of the reference node. Obstacles are scalar points, oblique directions, and a motion or dependents
     that are not determined. `fields` are those after the card's name; `deck` has positions and directions of nodes.
     """
-    reference, chosen = int(fields[2]), _component_indices(fields[3])
+    reference, chosen = _whole(fields[2]), _component_indices(fields[3])
     averaged, solved_for = _averaged_groups(fields[4:])
     all_nodes = [reference, *(node for _, _, nodes in averaged for node in nodes), *(node for node, _ in solved_for)]
     if not set(all_nodes) <= set(deck.positions):
@@ -643,7 +701,7 @@ def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list
     groups: list[tuple[float, str, list[int]]] = []
     end = next((k for k, word in enumerate(fields) if word in ("UM", "ALPHA", "TREF")), len(fields))
     for blank, word in pairwise(fields[:end]):
-        if not blank and re.fullmatch(r"(?!.*(.).*\1)[1-6]+", word):
+        if not blank and _COMPONENTS.fullmatch(word):
             raise ValueError(
                 f"a field before {word} is blank, where a weight may be left out; write the weight, or the nodes without gaps"
             )
@@ -654,7 +712,7 @@ def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list
         averaged = averaged[stop:]
     named = behind[1:] if behind[:1] == ["UM"] else []
     named = named[: next((k for k, word in enumerate(named) if word in ("ALPHA", "TREF")), len(named))]
-    return groups, [(int(node), which) for node, which in zip(named[::2], named[1::2], strict=True)]
+    return groups, [(_whole(node), which) for node, which in zip(named[::2], named[1::2], strict=True)]
 
 
 def _is_listed(word: str) -> bool:
@@ -679,13 +737,15 @@ def _node_list(fields: Sequence[str]) -> list[int]:
     rest = [word for word in fields if word]
     while rest:
         if rest[1:2] == ["THRU"]:
-            step = int(rest[4]) if rest[3:4] == ["BY"] else 1
-            if (int(rest[2]) - int(rest[0])) // step > _MOST_LISTED:
-                raise ValueError(f"{rest[0]} THRU {rest[2]} are more than {_MOST_LISTED} nodes")
-            labels += range(int(rest[0]), int(rest[2]) + 1, step)
+            first, last, step = _whole(rest[0]), _whole(rest[2]), _whole(rest[4]) if rest[3:4] == ["BY"] else 1
+            if step < 1 or last < first:
+                raise ValueError(f"steps of {step} do not lead from {first} to {last}")
+            if (last - first) // step > _MOST_LISTED:
+                raise ValueError(f"{first} THRU {last} are more than {_MOST_LISTED} nodes")
+            labels += range(first, last + 1, step)
             rest = rest[5 if rest[3:4] == ["BY"] else 3 :]
         else:
-            labels.append(int(rest.pop(0)))
+            labels.append(_whole(rest.pop(0)))
     return labels
 
 
@@ -693,11 +753,16 @@ def _read_mpc_set(deck: _DeckContext, case_control: bytes) -> list[DeckPart]:
     """Parts of the MPC cards of the set that case control names, itself or as an MPCADD, or of the only set there is.
 
     One part of all cards that can be taken and one for each obstacle; a single part with an obstacle where case control
-    (text with CEND) names no set, or it is not clear which is meant; [] without MPC cards. `case_control` is the text
+    (text with CEND) names no set, the number of one cannot be read, or it is not clear which is meant; [] without MPC
+    cards. `case_control` is the text
     above the bulk data, `deck` has the cards.
     """
     if "MPC" not in deck.cards:
         return []
+    named = [words[0] for words in deck.rows("MPC")]
+    named += [word for words in deck.rows("MPCADD") for word in words if word]
+    if wrong := [word for word in named if not _WHOLE.fullmatch(word)]:
+        return [DeckPart("MPC", len(deck.cards["MPC"]), obstacle=f"{wrong[0]!r} is no number of a set")]
     sets: dict[int, list[list[str]]] = {}
     for words in deck.rows("MPC"):
         sets.setdefault(int(words[0]), []).append(words)
@@ -726,18 +791,22 @@ def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
         for column in (start + 1, start + 4):
             triple = _pad_words(fields, start + 8)[column : column + 3]
             if triple[0]:
-                terms.append((int(triple[0]), triple[1], _real(triple[2])))
+                terms.append((_whole(triple[0]), triple[1], _real(triple[2])))
+            elif any(triple):
+                raise ValueError(f"a term {', '.join(triple)!r} has no grid point")
     if any(node not in deck.positions or component in ("", "0") for node, component, _ in terms):
         return _SCALAR, []
     sums: list[tuple[Dof, float]] = []
     for node, component, factor in terms:
-        axis = _component_indices(component)[0]
+        axis = _component_index(component)
         for (label, direction), part in weights_along(node, deck.axes_at(node)[axis % 3], axis > 2).items():
             sums.append((Dof(label, direction), factor * part * (deck.units.length if axis > 2 else 1.0)))
     first, *others = sums
-    first_axis = deck.axes_at(terms[0][0])[_component_indices(terms[0][1])[0] % 3]
+    first_axis = deck.axes_at(terms[0][0])[_component_index(terms[0][1]) % 3]
     if np.abs(first_axis).max() < 1 - 1e-12:
         return _OBLIQUE, []
+    if not first[1]:
+        return "the factor of its dependent term is 0", []
     factors: dict[Dof, float] = {}
     for dof, value in others:
         factors[dof] = factors.get(dof, 0.0) - value / first[1]
