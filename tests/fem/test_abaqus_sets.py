@@ -138,6 +138,13 @@ def test_keywords_without_blanks_are_those_of_calculix(tmp_path):
     assert part_of(read(tmp_path, PANEL + "*CONTACTPAIR,INTERACTION=I\nA,B\n"), "CONTACT PAIR").count == 1
 
 
+def test_a_reference_node_that_the_solver_moves_is_said(tmp_path):
+    text = PANEL + "*NODE\n9,.5,.5,1.\n*RIGID BODY,ELSET=S,REF NODE=9,POSITION={}\n"
+    assert part_of(read(tmp_path, text.format("INPUT")), "RIGID BODY").obstacle == ""
+    moved = part_of(read(tmp_path, text.format("CENTER OF MASS")), "RIGID BODY")
+    assert moved.obstacle == "its reference node is moved to the centre of mass"
+
+
 def test_equations_of_unsorted_sets_are_not_paired_by_number(tmp_path):
     sets = "*NSET,NSET=A{0}\n1,2\n*NSET,NSET=B{0}\n4,3\n*EQUATION\n2\nA,1,1.,B,1,-1.\n"
     assert part_of(read(tmp_path, PANEL + sets.format("")), "EQUATION").obstacle == ""

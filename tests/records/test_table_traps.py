@@ -294,3 +294,13 @@ def test_marks_of_programs_in_place_of_numbers_are_told(tmp_path, cell, words):
     lines[9] = lines[9].replace(lines[9].split(",")[1], cell)
     with pytest.raises(FileError, match=rf"line 10, column 2 \(x\) must be a number.*{words}"):
         read(tmp_path, "".join(lines), **TWO)
+
+
+def test_blank_lines_above_numbers_without_a_header_are_passed_over(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("Number of averages\t10\n\n\n" + "".join(f"{5 * k}\t{k}\t{2 * k}\n" for k in range(1, 6)))
+    layout = CsvLayout(skip_rows=1, header_rows=0, parts=("re", "im"))
+    options = ReadOptions(csv=layout, outputs="2Z", inputs="1Z", unit="m/N", axis_unit="Hz")
+    record = read_record(path, options)
+    assert record.frequency.tolist() == [5.0, 10.0, 15.0, 20.0, 25.0]
+    assert record.values[:, 0, 0].tolist() == [1 + 2j, 2 + 4j, 3 + 6j, 4 + 8j, 5 + 10j]

@@ -451,6 +451,8 @@ def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBloc
         return [("it turns with a node of its own (ROT NODE) or is a surface", DeckPart("RIGID BODY", 1))]
     if not options.get("REF NODE"):
         return [("it has no reference node", DeckPart("RIGID BODY", 1))]
+    if options.get("POSITION", "INPUT").upper() != "INPUT":
+        return [("its reference node is moved to the centre of mass", DeckPart("RIGID BODY", 1))]
     [main] = deck.assembly.nodes(scope, options["REF NODE"])
     tied = [node for key in ("NSET", "TIE NSET") for node in _named_nodes(deck, scope, options.get(key, ""))]
     tied += _nodes_of_elements(deck, scope, options.get("ELSET", ""))

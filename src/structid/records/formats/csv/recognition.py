@@ -249,7 +249,7 @@ def _blank_rows_above_numbers(cells: Sequence[list[str]], header_rows: int | Non
         begin -= 1
     if header_rows is not None:
         begin = header_rows if begin <= header_rows <= first else first  # else a line of the header is no blank one
-    return range(begin, first if begin else begin)
+    return range(begin, first)
 
 
 def _without_comment_sign(line: str) -> str:
