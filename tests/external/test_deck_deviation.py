@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from structid.study.run.solver import deck_std
+from structid.study.run.solver import _move, deck_std
 
 
 def fit(covariance, design):
@@ -40,3 +40,11 @@ def test_it_is_that_of_the_weighted_sum_correlations_included():
 def test_what_the_data_do_not_determine_adds_nothing():
     covariance = np.diag([4.0, np.nan, 1.0])
     assert deck_std(*fit(covariance, np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]))) == {"E": 2.0, "t": 0.0}
+
+
+def test_a_move_is_told_in_standard_deviations_only_where_they_set_the_limit():
+    """1 % of a standard deviation, or 1e-6 of the value, counts as no move."""
+    assert _move("E", 200.0, 203.0, 2.0) == (pytest.approx(150.0), "E", "by 1.5 standard deviations")
+    assert _move("E", 200.0, 200.003, 0.0) == (pytest.approx(15.0), "E", "from 200 to 200.003")
+    assert _move("E", 200.0, 200.003, 1e-3) == (pytest.approx(15.0), "E", "from 200 to 200.003")
+    assert _move("E", 0.0, 0.5, 0.0).words == "from 0 to 0.5"

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,18 +93,15 @@ def relinearize_solver(
     is_led = isinstance(solved, SolvedFrfs) and not ready.study.options.regularization
     if isinstance(solved, SolvedFrfs):
         ready = led_near(ready, work)
-    moves: list[float] = []
+    worst = _Move(0.0, "", "")
     for _ in range(MOST_ROUNDS):
         identification = _identify(ready, quick, progress, work)
         solved = ready.study.solved
         assert solved is not None
         values, std = found_values(solved, identification), deck_std(solved, identification)
         goal = {name: limit_to_bounds(solved, name, value) for name, value in values.items()}
-        moves = [
-            abs(goal[name] - at) / max(_OF_STD * std[name], _OF_VALUE * abs(at), np.finfo(float).tiny)
-            for name, at in solved.at.items()
-        ]
-        if max(moves) <= 1.0:
+        worst = max(_move(name, at, goal[name], std[name]) for name, at in solved.at.items())
+        if worst.limits <= 1.0:
             return ready
         values_by_name = dict(zip(identification.estimate.names, identification.estimate.values.tolist(), strict=True))
         if is_led:
@@ -111,21 +109,41 @@ def relinearize_solver(
             end = estimate.theta[indices_of(estimate.names, joint_problem(ready.problems).names)]
             moved = confirm_move(ready, list, end, work)
             if moved is None:
-                return ready if max(moves) <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(moves)))
+                return (
+                    ready if worst.limits <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(worst)))
+                )
             ready = moved[1]
             continue
         ready = prepare_study(relinearize_study(ready.study, goal, values_by_name, work))
     words = (
-        f"the answer still moves by {_OF_STD * max(moves):.2g} standard deviations after {MOST_ROUNDS} rounds of differences of the"
-        " solver; give larger `step`, priors or bounds"
+        f"{worst.name} still moves {worst.words} after {MOST_ROUNDS} rounds of differences of the solver; give larger `step`,"
+        " priors or bounds"
     )
     return replace(ready, warnings=(*ready.warnings, words))
 
 
-def _open_words(moves: Sequence[float]) -> str:
+class _Move(NamedTuple):
+    """Move of a deck parameter in a round: its size over what counts as none, the parameter, and how far it moves."""
+
+    limits: float
+    name: str
+    words: str
+
+
+def _move(name: str, at: float, goal: float, std: float) -> _Move:
+    """Move of the deck parameter `name` with the standard deviation `std` from `at` to `goal`.
+
+    It is told in standard deviations, or by both values where the value sets what counts as none.
+    """
+    change, by_std, by_value = abs(goal - at), _OF_STD * std, _OF_VALUE * abs(at)
+    words = f"by {change / std:.2g} standard deviations" if by_std > by_value else f"from {at:.9g} to {goal:.9g}"
+    return _Move(change / max(by_std, by_value, np.finfo(float).tiny), name, words)
+
+
+def _open_words(worst: _Move) -> str:
     return (
-        f"the differences of the solver point {_OF_STD * max(moves):.2g} standard deviations further, where its own FRFs fit no"
-        " better: they are not smooth, or printed with few digits; write more digits, or give larger `step`"
+        f"the differences of the solver move {worst.name} {worst.words}, where its own FRFs fit no better: they are not smooth,"
+        " or printed with few digits; write more digits, or give larger `step`"
     )
 
 
