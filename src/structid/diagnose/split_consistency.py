@@ -130,7 +130,8 @@ def disagreements(
         if beyond.any():
             stiff = np.array([not is_damping(name) for name in shared])
             share = float(beyond[stiff].mean()) if stiff.any() else 1.0
-            worst = int(np.argmax(np.where(stiff & beyond, distance + distance.max(), distance)))
+            listed = stiff & beyond if (stiff & beyond).any() else beyond
+            worst = int(np.argmax(np.where(listed, distance, -np.inf)))
             pair = float(values[0][worst]), float(values[1][worst])
             unit = first[1].unknowns.units[mine[worst]]
             distance_of_worst = float(distance[worst])
