@@ -85,5 +85,7 @@ def test_dampers_that_cannot_be_are_named():
         sid.tune_damper(make_mass(0.1), "1X", 1e9)
     with pytest.raises(InputError, match="`quantile` must be at least"):
         sid.tune_damper(make_mass(0.1), "1X", 1.0, quantile=1.0)
+    with pytest.raises(InputError, match="`n_draws` must be at least 1, got 0"):
+        sid.tune_damper(make_mass(0.1), "1X", 1.0, n_draws=0)
     with pytest.raises(InputError, match="9X"):
         sid.tune_damper(make_mass(0.1), "9X", 1.0)

@@ -83,9 +83,13 @@ class IdentifiedModel:
 
         Raises
         ------
+        InputError
+            If `n_draws` is below 1.
         NoAnswerError
             If fewer than `n_draws` of 200 times as many random models lie within the limits.
         """
+        if n_draws < 1:
+            raise InputError(f"`n_draws` must be at least 1, got {n_draws}")
         lower, upper = self._lower, self.parameters.transforms.bounds[:, 1]
         drawn: list[FloatArray] = []
         for _ in range(_MOST_TRIALS * n_draws):

@@ -111,7 +111,7 @@ def tune_damper(
         mode that does so within the band.
     quantile : float
     n_draws, seed : int
-        Of the random models.
+        Number of the random models, at least 1, and what fixes them.
 
     Returns
     -------
