@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace as Parts
 
 import numpy as np
 import pytest
@@ -10,12 +11,15 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.core.dof import parse_dof
+from structid.core.errors import InputError
 from structid.diagnose.causes import LoadGain, OutlyingLines, SensorGain
 from structid.diagnose.checks.initial_comparison import ChannelWarnings
 from structid.diagnose.data_rows import scaled_misfit
+from structid.diagnose.model_edits import AimSensor
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import FittedModel
 from structid.diagnose.screening import _exchanged, _faulty
+from structid.diagnose.search import _begun
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.verdict import Cause, ParameterShift, are_causes, judged
 from structid.records.formats import read_record, write_record
@@ -480,6 +484,19 @@ def test_where_causes_cannot_be_looked_for_the_verdict_stands_and_says_so(tmp_pa
     assert fits == ()
     assert result.diagnosis.judgement.verdict in ("wrong_model", "approximate")
     assert "causes could not be looked for: Singular matrix" in result.diagnosis.judgement.reasons
+
+
+def test_a_change_with_which_the_model_cannot_be_computed_leaves_the_others(tmp_path):
+    base = Parts(
+        changed=lambda candidate, strength: Parts(theta_of=lambda known: np.linalg.inv(np.full((1, 1), strength))[0])
+    )
+    assert _begun(base, [("singular", 0.0), ("regular", 2.0)], {}) == [("regular", 2.0, [0.5])]
+
+
+def test_a_sensor_of_a_model_that_only_turns_is_not_aimed():
+    draft = Parts(structure_of=lambda record: Parts(original=Parts(active=("RX",))))
+    with pytest.raises(InputError, match=r"1RX\+ cannot be aimed: nodes of this model only turn"):
+        AimSensor(0, parse_dof("1RX"), (1.0, 0.0, 0.0), 9).apply(draft)
 
 
 def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, monkeypatch):

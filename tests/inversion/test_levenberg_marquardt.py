@@ -140,10 +140,11 @@ def test_condition_enters_once_and_not_squared():
     assert np.linalg.cond(design.T @ design) > 1e15
 
 
-def test_a_region_where_the_model_is_singular_is_stepped_around():
+@pytest.mark.parametrize("error", [SingularModelError, np.linalg.LinAlgError])
+def test_a_region_where_the_model_is_singular_is_stepped_around(error):
     def guarded(p):
         if p[0] < 0.5:
-            raise SingularModelError("singular")
+            raise error("singular")
         return np.array([np.log(p[0]), 0.1 * (p[0] - 1)])
 
     found = minimize(Residual(guarded, lambda p: np.array([[1 / p[0]], [0.1]]), np.array([40.0])), LevenbergMarquardt())

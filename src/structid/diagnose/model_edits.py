@@ -318,9 +318,18 @@ class AimSensor:
 
         The new node has the label `self.label` and the same position; the channel is renamed to its first translation
         that the model has.
+
+        Raises
+        ------
+        InputError
+            If nodes of the model do not translate.
         """
         structure = draft.structure_of(self.record)
         moves = [d for d in DIRECTIONS[:3] if d in (structure.original.active or ())]
+        if not moves:
+            raise InputError(
+                f"{self.dof} cannot be aimed: nodes of this model only turn; let them move along X, Y or Z too"
+            )
         seen = moves[0]
         tie = AimedSensor(
             f"sensor {self.dof.place}", self.dof.place, self.label, seen, self.dof.node, unit_direction(self.direction)

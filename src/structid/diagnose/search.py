@@ -681,11 +681,11 @@ def _begun(
     """Items (candidate, strength, free variables at the start) of the `changes` that the model allows, in their order.
 
     `known` holds physical values by parameter name; parameters that are not in it start as the set-ups say. Changes
-    that the model does not allow are left out. `modified` is the model before the changes.
+    that the model does not allow, or with which it cannot be computed, are left out. `modified` is the model before the changes.
     """
     items: list[RefitTask] = []
     for candidate, strength in changes:
-        with suppress(StructidError):
+        with suppress(StructidError, np.linalg.LinAlgError):
             items.append((candidate, strength, modified.changed(candidate, strength).theta_of(known)))
     return items
 

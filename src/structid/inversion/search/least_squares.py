@@ -100,7 +100,7 @@ def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             residual = problem.residual(theta)
-        except SingularModelError:
+        except (SingularModelError, np.linalg.LinAlgError):
             return None
     return residual if np.isfinite(residual).all() else None
 
