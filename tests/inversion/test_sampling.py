@@ -178,3 +178,11 @@ def test_few_or_broken_draws_are_told():
     assert any("too few independent draws" in words for words in few.words)
     broken = replace(samples_of(autoregressive(0.0)[:, :, None]), n_divergent=100)
     assert any("broke down" in words for words in broken.words)
+
+
+def test_a_tail_that_does_not_vary_has_no_effective_draws_whichever_it_is():
+    """The 95 % quantile of draws of which a tenth equal the largest has no draw above it."""
+    draws = autoregressive(0.3)
+    heaped = np.minimum(draws, np.quantile(draws, 0.9))
+    assert np.isnan(tail_sample_size(heaped))
+    assert np.isfinite([tail_sample_size(draws), tail_sample_size(-heaped)]).all()

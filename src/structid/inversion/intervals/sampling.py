@@ -393,12 +393,12 @@ def bulk_sample_size(draws: FloatArray) -> float:
 def tail_sample_size(draws: FloatArray) -> float:
     """Smaller effective sample size of the 5 % and the 95 % quantile of draws (n_chains, n_draws).
 
-    NaN if a draw is not finite, or all are equal.
+    NaN if a draw is not finite, or one of these parts does not vary, as where many draws equal the largest.
     """
     if not np.isfinite(draws).all():
         return float("nan")
     ends = np.quantile(draws, [0.05, 0.95])
-    return min(_sample_size(_split((draws <= end).astype(np.float64))) for end in ends)
+    return float(np.min([_sample_size(_split((draws <= end).astype(np.float64))) for end in ends]))
 
 
 def _split(draws: FloatArray) -> FloatArray:
