@@ -14,7 +14,7 @@ from structid.prediction.sensing import force_search, kalman_filter
 from structid.prediction.sensing import sense as sensing
 from structid.prediction.sensing.force_search import ChosenForces
 from structid.prediction.sensing.kalman_filter import error_spectra, sum_of_powers
-from structid.prediction.sensing.state_equations import ForceModel, ForceProcess
+from structid.prediction.sensing.state_equations import ForceModel, ForceProcess, combine_forces
 
 RATE, CORRELATION, FORCE = 50.0, 0.1, 20.0
 
@@ -690,3 +690,25 @@ def test_draws_of_a_model_that_is_known_exactly_do_not_excuse_more_noise_than_st
     found = sid.sense(make_model(), record, ["2X"], unknown=unknown, n_draws=n_draws, is_filtered=False)
     assert not found.is_explained
     assert "the sensors have more noise than stated" in found.contradiction
+
+
+def test_forces_that_move_no_mode_are_no_combination_and_have_no_size():
+    """Two forces along Y, where stiff springs put all modes far above the record, and one sensor along X."""
+    combined, parts = combine_forces(np.zeros((3, 2)))
+    assert (combined.shape, parts.shape) == ((3, 0), (2, 0))
+    sets = [
+        sid.PointMass("m", [1, 2], mass=[2.0, 1.0], directions=["X", "Y"]),
+        *make_model().structure.elements[1:],
+        sid.Spring("side", ["1Y", "2Y"], stiffness=1e12),
+    ]
+    structure = sid.Structure({1: (0.0, 0.0), 2: (1.0, 0.0)}, sets, active=["X", "Y"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    accelerations = 0.1 * np.random.default_rng(0).standard_normal((100, 1))
+    record = sid.TimeRecord(RATE, accelerations, ["1X"], ["acceleration"], variance=np.array([0.01]))
+    stated = sid.sense(model, record, ["2X"], unknown=sid.UnknownForces(["1Y", "2Y"], CORRELATION, FORCE), n_draws=0)
+    assert stated.forces == pytest.approx(0.0)
+    assert stated.force_std == pytest.approx(FORCE, rel=1e-9)
+    for times in ((CORRELATION,), ()):
+        with pytest.raises(NoAnswerError, match="no sensor moves with the unknown forces"):
+            sid.sense(model, record, ["2X"], unknown=sid.UnknownForces(["1Y", "2Y"], *times), n_draws=0)

@@ -249,7 +249,7 @@ def _std_of_motion(setup: SensingSetup, system: StateEquations, std: float) -> f
     """
     covariance = stationary_covariance(system, system.noise, len(setup.channels.measured))
     made = np.einsum("ij,jk,ik->i", system.reading, covariance, system.reading) / std**2
-    if not made.max() > 0:
+    if not system.n_combined or not made.max() > 0:
         raise NoAnswerError(
             "no sensor moves with the unknown forces, so that their size cannot be told; state it, or use other sensors"
         )

@@ -291,12 +291,12 @@ def combine_forces(inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     `inputs` (n_modes, n_forces) are the modal forces of unit forces. Returns the modal forces of each combination,
     (n_modes, n_combined), and the part of each in the forces, (n_forces, n_combined). Combinations that move no mode
-    are left out (one stays if none moves any); `inputs` and the identity are returned if all forces are independent.
+    are left out; `inputs` and the identity are returned if all forces are independent.
     """
     if not inputs.size:
         return inputs, np.eye(inputs.shape[1])
     modal, sizes, parts = np.linalg.svd(inputs, full_matrices=False)
-    n_combined = max(int((sizes > np.sqrt(_DEPENDENT) * sizes[0]).sum()), 1)
+    n_combined = int((sizes > np.sqrt(_DEPENDENT) * sizes[0]).sum())
     if n_combined == inputs.shape[1]:
         return inputs, np.eye(n_combined)
     return modal[:, :n_combined] * sizes[:n_combined], parts[:n_combined].T
