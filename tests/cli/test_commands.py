@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -252,6 +253,17 @@ def test_a_file_where_the_folder_should_be_exits_2(study, tmp_path):
     assert done.exit_code == 2
     assert "taken: is a file" in done.stderr
     assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.parametrize("command_name, summary", [("identify", "estimate"), ("plan", "plan"), ("motion", "motion")])
+def test_a_study_of_the_user_is_not_replaced_by_the_copy_of_another(study, tmp_path, command_name, summary):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "study.toml").write_text("mine")
+    done = invoke(command_name, study, "--out", "mine")
+    assert done.exit_code == 2
+    assert re.search(rf"mine.study\.toml: is of no results, there is no {summary}\.json beside it", done.stderr)
+    assert (tmp_path / "mine" / "study.toml").read_text() == "mine"
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["study.toml"]
 
 
 def test_an_error_of_the_system_is_one_line(study, monkeypatch):

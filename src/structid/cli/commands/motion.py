@@ -52,18 +52,19 @@ def motion(
     """
     from structid.files import claim_path  # the help needs none of these
     from structid.inversion.regression.local_reduction import Engine, FoldingKernels
-    from structid.study.results.folder import staged_folder
+    from structid.study.results.folder import require_results_folder, staged_folder
     from structid.study.run.motion import MOTION_SUMMARY, MOTION_TABLE, MotionOptions, motion_of_study, write_motion
 
     work = FoldingKernels(cast(Engine, engine), threads)
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
+    folder = out if out is not None else beside_call(f"{study.stem}_motion")
+    require_results_folder(folder, MOTION_SUMMARY, "study.toml", MOTION_TABLE)
     try:
         with claim_path(checkpoint) if checkpoint is not None else nullcontext():
             result = motion_of_study(study, options, _told)
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
         fail(f"interrupted; no results were written{kept}", INTERRUPTED)
-    folder = out if out is not None else beside_call(f"{study.stem}_motion")
     with staged_folder(folder) as staged:
         write_motion(result, staged)
     typer.echo("", err=True)

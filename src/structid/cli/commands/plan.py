@@ -53,14 +53,15 @@ def plan(
     """
     from structid.cli.console import show  # the help needs none of these
     from structid.report.planning import plan_page, plan_text
-    from structid.study.results.folder import staged_folder
+    from structid.study.results.folder import require_results_folder, staged_folder
     from structid.study.results.plan import PLAN_PAGE, write_plan
     from structid.study.schema.plan import load_plan, planned
 
     check_png(report, png)
+    folder, name = out if out is not None else beside_call(f"{study.stem}_plan"), "plan.json"
+    require_results_folder(folder, name, "study.toml", PLAN_PAGE)
     read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
     chosen = planned(read)
-    folder, name = out if out is not None else beside_call(f"{study.stem}_plan"), "plan.json"
     with staged_folder(folder, PLAN_PAGE) as staged:
         write_plan(chosen, read, staged)
         if report:

@@ -42,6 +42,21 @@ _REPORT = "report.html"
 STUDY_PATH = "study_path.txt"
 
 
+def require_results_folder(folder: Path, summary: str, *names: str) -> None:
+    """Raise `FileError` if files called `names`, which results would replace, stand in `folder` without `summary`.
+
+    `summary` is the file that results of this kind always have: without it the files are somebody else's.
+    """
+    if (folder / summary).exists():
+        return
+    for name in names:
+        if (folder / name).exists():
+            raise FileError(
+                f"{folder / name}: is of no results, there is no {summary} beside it, and would be replaced; give another"
+                " folder with --out"
+            )
+
+
 @contextmanager
 def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
     """Context manager that yields a temporary folder, and moves its files into `folder` if no error ends the block.
