@@ -145,6 +145,16 @@ def test_a_reference_node_that_the_solver_moves_is_said(tmp_path):
     assert moved.obstacle == "its reference node is moved to the centre of mass"
 
 
+def test_names_in_quotes_are_found_with_their_instance(tmp_path):
+    text = ASSEMBLY.format('*NSET,NSET=N\n"P-2".2,\n"P-1.3"\n').replace("NAME=P-2", 'NAME="P-2"')
+    assert read(tmp_path, text).group_nodes("N").tolist() == [3, 12]
+
+
+def test_the_middle_of_a_quadratic_line_stands_last(tmp_path):
+    mesh = read(tmp_path, "*NODE\n1,0.,0.,0.\n2,1.,0.,0.\n3,.5,0.,0.\n*ELEMENT,TYPE=B32\n1,1,3,2\n")
+    assert [(block.kind, block.nodes.tolist()) for block in mesh.blocks] == [("line3", [[1, 2, 3]])]
+
+
 def test_equations_of_unsorted_sets_are_not_paired_by_number(tmp_path):
     sets = "*NSET,NSET=A{0}\n1,2\n*NSET,NSET=B{0}\n4,3\n*EQUATION\n2\nA,1,1.,B,1,-1.\n"
     assert part_of(read(tmp_path, PANEL + sets.format("")), "EQUATION").obstacle == ""

@@ -7,6 +7,7 @@ import pytest
 from fuzz.binary_results import Writer
 
 from structid.core.errors import FileError
+from structid.external.outputs import ModesOut, RunDeck
 from structid.modal.formats.files import read_modes
 from structid.modal.formats.options import ModeFileOptions
 
@@ -124,3 +125,25 @@ def test_vectors_in_basic_axes_are_taken_before_those_in_axes_of_their_own(tmp_p
     modes = read_modes(tmp_path / "a.op2")
     assert modes.mode_shapes[0, 0] == pytest.approx(1 / 15)
     assert "taken as global" not in modes.source
+
+
+def test_binary_modes_in_the_loop_of_a_solver_have_unit_mass_and_are_turned_by_the_deck(tmp_path):
+    """Point 7 moves along a system whose x is the basic y and whose y is the basic -x, unless the table is in the basic one."""
+    grids = "".join(f"GRID,{point},,{k}.,0.,0.,{5 if point == 7 else ''}\n" for k, point in enumerate(POINTS))
+    (tmp_path / "a.bdf").write_text(f"BEGIN BULK\nCORD2R,5,0,0.,0.,0.,0.,0.,1.\n,0.,1.,0.\n{grids}ENDDATA\n")
+    out, met = ModesOut("a.op2", RunDeck("a.bdf", {})), set()
+    for content, name, frequency, _, shapes, masses in (case(seed) for seed in range(60)):
+        if masses is None:
+            continue
+        (tmp_path / "a.op2").write_bytes(content)
+        run = out.read(tmp_path)
+        true = shapes.real / np.sqrt(masses)[:, None, None]
+        if name != "BOUGV1":
+            x, y = true[:, 1, 0::3].copy(), true[:, 1, 1::3].copy()
+            true[:, 1, 0::3], true[:, 1, 1::3] = -y, x
+        assert run.has_mass
+        assert run.frequency == pytest.approx(frequency, rel=1e-6)
+        assert run.values == pytest.approx(true.reshape(len(frequency), -1).T, rel=1e-5, abs=1e-6)
+        assert bool(run.notes) == (name != "BOUGV1")
+        met.add(name == "BOUGV1")
+    assert met == {True, False}

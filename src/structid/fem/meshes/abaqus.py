@@ -41,8 +41,8 @@ _KINDS = (
     (r"(B22|B32|T2D3|T3D3)", "line3", 3),
     (r"MASS|ROTARYI", "vertex", 1),
 )
-#: Where Abaqus numbers the middles of volume and faces in another order than VTK.
-_ORDERS = {"hexahedron27": (*range(20), 26, 24, 23, 25, 21, 22, 20)}
+#: Where Abaqus numbers the middles of volume, faces and lines in another order than VTK.
+_ORDERS = {"hexahedron27": (*range(20), 26, 24, 23, 25, 21, 22, 20), "line3": (0, 2, 1)}
 #: Keywords that make nodes or elements by rule: what they say is not read.
 _REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SUBSTRUCTURE PATH", "IMPORT")
 #: Keywords that make the mesh: a <name> of *PARAMETER among their words is refused. Of other keywords it makes an obstacle.

@@ -226,7 +226,7 @@ def _members_of_row(row: list[str], sets: Sets) -> set[int]:
         if _NUMBER.fullmatch(word):
             members.add(int(word))
             continue
-        key = word.strip('"').upper()
+        key = word.replace('"', "").upper()
         if key not in sets:
             raise ValueError(f"there is no set {word!r} before this line")
         members |= sets[key]
@@ -391,7 +391,7 @@ class Assembly:
 
     def node(self, scope: PartData, word: str) -> int:
         """The label in the mesh of the node that `word` names in a scope: ``12``, or ``INSTANCE.12`` in an assembly."""
-        owner, dot, label = word.strip('"').rpartition(".")
+        owner, dot, label = word.replace('"', "").rpartition(".")
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
     def nodes(self, scope: PartData, word: str) -> list[int]:
@@ -404,9 +404,9 @@ class Assembly:
         ValueError
             If there is no node set or instance of that name.
         """
-        if _NUMBER.fullmatch(word.strip('"').rpartition(".")[2]):
+        if _NUMBER.fullmatch(word.replace('"', "").rpartition(".")[2]):
             return [self.node(scope, word)]
-        key = word.strip('"').upper()
+        key = word.replace('"', "").upper()
         if scope is self.own and key in self.node_sets:
             return sorted(
                 label + self.shifts[owner] for owner, labels in self.node_sets[key].items() for label in labels
@@ -493,7 +493,7 @@ class Assembly:
         none.
         """
         every = self.node_sets if is_nodes else self.cell_sets
-        key = word.strip('"').upper()
+        key = word.replace('"', "").upper()
         named = holder.node_sets if is_nodes else holder.cell_sets
         if holder is not self.own and key in named:
             return {holder.name.upper(): set(named[key])}

@@ -395,7 +395,7 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
 
 def _is_unsorted(deck: _AssemblyContext, scope: PartData, word: str) -> bool:
     """True if `word` names a node set of more than one node whose order counts (UNSORTED), looked up in `scope`."""
-    owner, _, name = word.strip('"').upper().rpartition(".")
+    owner, _, name = word.replace('"', "").upper().rpartition(".")
     holder = next((other for other in deck.assembly.scopes if other.name.upper() == owner), scope)
     return name in holder.unsorted and len(deck.assembly.nodes(scope, word)) > 1
 

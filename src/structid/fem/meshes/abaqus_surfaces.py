@@ -100,7 +100,7 @@ class Surfaces:
         instances. Raises `ValueError` if there is none.
         """
         assembly_part = self._assembly.own
-        owner, dot, bare = name.strip('"').upper().rpartition(".")
+        owner, dot, bare = name.replace('"', "").upper().rpartition(".")
         every = [*([assembly_part] if assembly_part is not None else []), *self._assembly.scopes]
         holders = [self._assembly.scope(owner)] if dot else [scope, *(other for other in every if other is not scope)]
         for holder in holders:
@@ -115,7 +115,7 @@ class Surfaces:
         ``INSTANCE.SET`` is looked up in that instance, other names in `scope`. Raises `ValueError` if there is no such
         set.
         """
-        owner, dot, bare = word.strip('"').rpartition(".")
+        owner, dot, bare = word.replace('"', "").rpartition(".")
         holder = self._assembly.scope(owner) if dot else scope
         if is_whole_number(bare):
             return [(holder, int(bare))]
