@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import sparse
 
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
+from structid.fem.importers import ImportedMatrix, on_dofs, read_matrices
+from structid.fem.importers.fixed_fields import FieldError, as_real, whole_numbers
 from structid.fem.meshes import read_mesh
 
 GRIDS = """BEGIN BULK
@@ -120,3 +123,51 @@ def test_a_blank_property_is_that_of_the_number_of_the_element(bulk):
 def test_a_factor_of_masses_that_is_not_above_0_is_refused(bulk, word):
     with pytest.raises(FileError, match=f"PARAM,WTMASS with the value '{word.upper()}'"):
         bulk(f"PARAM,WTMASS,{word}\nCONM2,8,1,,5.")
+
+
+@pytest.mark.parametrize("word", ["NAN", "inf", "-Infinity", "1e999", "-", "+", "1_0"])
+def test_words_that_are_no_finite_number_are_no_field(bulk, word):
+    with pytest.raises(FieldError):
+        as_real(word.encode())
+    part = part_of(bulk(f"CONM2,8,1,,{word}"), "CONM2")
+    assert part.obstacle == f"CONM2 8 cannot be read: {word.upper()}"
+    with pytest.raises(FileError, match="line 8: field 4 must be a real number"):
+        bulk(f"GRID,9,,{word},0.,0.")
+
+
+def test_a_sign_alone_is_no_whole_number():
+    fields = np.array([b"   12", b"  -12", b"     ", b"  -  "], dtype="S5")
+    table = fields.view(np.uint8).reshape(4, 5)
+    assert whole_numbers(table[:3]).tolist() == [12, -12, 0]
+    with pytest.raises(FieldError) as caught:
+        whole_numbers(table)
+    assert (caught.value.index, caught.value.text) == (3, "-")
+
+
+def test_rows_without_a_diagonal_entry_are_counted(tmp_path):
+    (tmp_path / "a.dof").write_text("1.1\n1.2\n1.3\n")
+    (tmp_path / "a.sti").write_text("1 1 2.0\n2 3 1.0\n3 3 2.0\n")
+    with pytest.raises(FileError, match="diagonal entries of 1 of its 3 rows, the first of row 2"):
+        read_matrices(tmp_path / "a.sti")
+
+
+def test_a_rectangular_matrix_has_no_place_on_degrees_of_freedom():
+    table = np.array([[1, 1], [1, 2], [1, 3]])
+    rectangular = ImportedMatrix("B", sparse.csc_array(np.arange(6.0).reshape(3, 2)), table, table[1:])
+    with pytest.raises(InputError, match=r"'B' has columns \(2\) that are not its rows \(3\)"):
+        on_dofs(rectangular, table)
+
+
+def test_the_nearest_of_no_nodes_is_refused(bulk):
+    mesh = bulk("")
+    assert mesh.nearest([0.9, 0.1, 0.0])[0] == 2
+    for among in ([], [77]):
+        with pytest.raises(InputError, match=r"no node of a\.bdf to choose the nearest from"):
+            mesh.nearest([0.9, 0.1, 0.0], among)
+
+
+@pytest.mark.parametrize("text", ["ENDDATA\n", "SOL 103\nCEND\nBEGIN BULK\nENDDATA\n", "\n"])
+def test_a_deck_of_nothing_says_so(tmp_path, text):
+    (tmp_path / "a.bdf").write_text(text)
+    with pytest.raises(FileError, match="holds no GRID"):
+        read_mesh(tmp_path / "a.bdf")

@@ -173,6 +173,7 @@ def test_numbering_of_every_kind_is_read_in_order(tmp_path, name, text, expected
         (" Matrix Eqn  Node  DOF\n 1 5 UX\n 2 5 TEMP\n", ["line 3", "UX to ROTZ"]),
         ("ASET           2    37\n", ["digits from 0 to 6"]),
         ("ASET1   123     1.5\n", ["grid point's number", "1.5"]),
+        ("ASET1,123,9,THRU,5\n", ["a set from 9 to 5 is empty"]),
         ("1 1\n1 1\n", ["1X", "two rows"]),
     ],
 )

@@ -181,8 +181,7 @@ class _WordTable(NamedTuple):
     def _numbers(self, word, wanted, convert):  # type: ignore[no-untyped-def]
         """Numbers (n_lines,) in the column with index `word` of the table, made of the texts by `convert`.
 
-        Raises `FileError`, with the line, for the first word that is not what `wanted` says, such as "a whole number",
-        or not finite.
+        Raises `FileError`, with the line, for the first word that is not what `wanted` says, such as "a whole number".
         """
         start, end = self.start[:, word], self.end[:, word]
         width = int((end - start).max(initial=1))
@@ -193,9 +192,6 @@ class _WordTable(NamedTuple):
                     bad = int(np.argmax(end - start))
                     raise FieldError(bad - part.start, bytes(self.buffer[start[bad] : end[bad]]).decode("latin-1")[:40])
                 numbers = convert(fields_at(self.buffer, start[part], end[part], width))
-                if not np.isfinite(numbers).all():
-                    bad = int(np.argmax(~np.isfinite(numbers)))
-                    raise FieldError(bad, bytes(self.buffer[start[part][bad] : end[part][bad]]).decode("latin-1"))
             except FieldError as error:
                 line = self.line[part.start + error.index]
                 raise FileError(

@@ -40,8 +40,12 @@ def read(path: Path) -> list[ImportedMatrix]:
     rows, columns = table[:, 0].astype(np.int64), table[:, 1].astype(np.int64)
     if len(table) and not ((table[:, :2] >= 1) & (table[:, :2] <= n)).all():
         raise FileError(f"{path}: must have rows and columns from 1 to {n} like its .dof file; {_REMEDY}")
-    if len(np.unique(rows[rows == columns])) < n:
-        raise FileError(f"{path}: lacks diagonal entries of {n} rows; the file is cut short, {_REMEDY}")
+    lacking = np.setdiff1d(np.arange(1, n + 1), rows[rows == columns])
+    if len(lacking):
+        raise FileError(
+            f"{path}: lacks the diagonal entries of {len(lacking)} of its {n} rows, the first of row {lacking[0]}; the file is cut"
+            f" short, {_REMEDY}"
+        )
     matrix = sparse.coo_array((table[:, 2], (rows - 1, columns - 1)), (n, n)).tocsc()
     return [ImportedMatrix(name, complete_triangles(matrix, name, symmetric=True), dofs)]
 

@@ -27,6 +27,8 @@ class FieldError(ValueError):
 
 def fields_at(buffer: Bytes, start: IntArray, end: IntArray, width: int) -> Bytes:
     """Table (n, width) of `width` characters from each byte `start` (n,) of `buffer`; blanks from `end` (n,) on."""
+    if not len(buffer):
+        return np.full((len(start), width), _BLANK, dtype=np.uint8)
     offsets = start[:, None] + np.arange(width)
     inside = offsets < np.minimum(end, len(buffer))[:, None]
     return np.where(inside, buffer[np.minimum(offsets, len(buffer) - 1)], np.uint8(_BLANK))
@@ -49,13 +51,12 @@ def real_numbers(fields: Bytes) -> FloatArray:
     Raises
     ------
     FieldError
-        At the first field that is no number, with its index and text.
+        At the first field that is no finite number, with its index and text.
     """
     if not len(fields):
         return np.zeros(0)
     if (fields == ord("_")).any():  # Python reads 1_000
-        index = int(np.argmax((fields == ord("_")).any(axis=1)))
-        raise FieldError(index, bytes(fields[index]).decode("latin-1").strip())
+        raise _field_error(fields, int(np.argmax((fields == ord("_")).any(axis=1))))
     upper = np.where((fields == ord("D")) | (fields == ord("d")) | (fields == ord("e")), np.uint8(_E), fields)
     before = upper[:, :-1]
     signed = (upper[:, 1:] == _PLUS) | (upper[:, 1:] == _MINUS)
@@ -75,9 +76,12 @@ def real_numbers(fields: Bytes) -> FloatArray:
     upper[is_blank(upper), 0] = ord("0")
     text = np.ascontiguousarray(upper).view(f"S{width}").ravel()
     try:
-        return text.astype(np.float64)
+        numbers = text.astype(np.float64)
     except ValueError:
         raise _first_bad(text, fields) from None
+    if not np.isfinite(numbers).all():
+        raise _field_error(fields, int(np.argmin(np.isfinite(numbers))))
+    return numbers
 
 
 def as_real(word: bytes) -> float:
@@ -87,7 +91,10 @@ def as_real(word: bytes) -> float:
 
 
 def _first_bad(text: NDArray[np.bytes_], fields: Bytes) -> FieldError:
-    index = next(i for i, word in enumerate(text.tolist()) if not _is_real(word))
+    return _field_error(fields, next(i for i, word in enumerate(text.tolist()) if not _is_real(word)))
+
+
+def _field_error(fields: Bytes, index: int) -> FieldError:
     return FieldError(index, bytes(fields[index]).decode("latin-1").strip())
 
 
@@ -112,16 +119,18 @@ def whole_numbers(fields: Bytes) -> IntArray:
     negative = np.zeros(len(fields), dtype=bool)
     state = np.zeros(len(fields), dtype=np.int8)  # 0 before the number, 1 in it, 2 behind it
     bad = np.zeros(len(fields), dtype=bool)
+    has_digit = np.zeros(len(fields), dtype=bool)
     for column in fields.T:
         digit = (column >= ord("0")) & (column <= ord("9"))
         blank = column <= _BLANK
         sign = (column == _PLUS) | (column == _MINUS)
         bad |= (digit & (state == 2)) | (sign & (state > 0)) | ~(digit | blank | sign)
         negative |= column == _MINUS
+        has_digit |= digit
         bad |= digit & (value > _LARGEST)
         value = np.where(digit & ~bad, 10 * value + (column - ord("0")), value)
         state = np.where(digit | sign, np.int8(1), np.where(blank & (state == 1), np.int8(2), state))
+    bad |= (state > 0) & ~has_digit  # a sign alone
     if bad.any():
-        index = int(np.argmax(bad))
-        raise FieldError(index, bytes(fields[index]).decode("latin-1").strip())
+        raise _field_error(fields, int(np.argmax(bad)))
     return np.where(negative, -value, value)

@@ -173,13 +173,18 @@ def tables_of(codes: IntArray) -> IntArray:
 def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
     """The matrix with rows and columns in the order of `table`, sparse (n, n), zero where it has no entries.
 
-    `table` (n, 2) has node and component (1 to 6) of each row; `imported` must be square.
+    `table` (n, 2) has node and component (1 to 6) of each row.
 
     Raises
     ------
     InputError
-        If the matrix has no numbering, or has entries at degrees of freedom that are not in `table`.
+        If the matrix is not square, has no numbering, or has entries at degrees of freedom that are not in `table`.
     """
+    if not imported.is_square:
+        n_rows, n_columns = imported.matrix.shape
+        raise InputError(
+            f"{imported.name!r} has columns ({n_columns}) that are not its rows ({n_rows}); a square matrix is needed"
+        )
     if imported.dofs is None:
         raise InputError(f"{imported.name!r} has no numbering of its own; give the degrees of freedom of its rows")
     order = np.argsort(codes_of(table), kind="stable")

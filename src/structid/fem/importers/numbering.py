@@ -139,15 +139,16 @@ def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
     """Pairs of grid point and components, such as (12, "123"), from cards of components and then grid points.
 
     Grid points may be a THRU range. Raises `FileError` for a grid point or components that cannot be read, or a range
-    that is too long.
+    that is empty or too long.
     """
     pairs: list[tuple[int, str]] = []
     for fields in _card_fields(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]
         if len(nodes) == 3 and nodes[1] == "THRU":
             first, last = _whole(lines, nodes[0]), _whole(lines, nodes[2])
-            if last - first > _MOST_MEMBERS:
-                raise FileError(f"{lines.path}: a set from {first} to {last} is too long; correct the card")
+            if not 0 <= last - first <= _MOST_MEMBERS:
+                problem = "too long" if last > first else "empty"
+                raise FileError(f"{lines.path}: a set from {first} to {last} is {problem}; correct the card")
             labels = list(range(first, last + 1))
         else:
             labels = [_whole(lines, node) for node in nodes]

@@ -187,11 +187,20 @@ class Mesh:
             m.
         among : iterable of int, optional
             Labels to choose from; all by default.
+
+        Raises
+        ------
+        InputError
+            If there is no node to choose from.
         """
         chosen = ~np.isin(self.labels, list(self.carriers))
         if among is not None:
             chosen &= np.isin(self.labels, self.carried_by(np.array(list(among), dtype=np.int64)))
         rows = np.flatnonzero(chosen)
+        if not len(rows):
+            raise InputError(
+                f"there is no node of {self.source} to choose the nearest from; give other labels in `among`"
+            )
         distance = np.linalg.norm(self.positions[rows] - np.asarray(position, dtype=np.float64), axis=1)
         best = int(np.argmin(distance))
         label = int(self.labels[rows[best]])
