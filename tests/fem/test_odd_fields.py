@@ -22,7 +22,7 @@ PANEL = """*NODE
 2, 1., 0., 0.
 3, 1., 1., 0.
 4, 0.1, 0.2, 0.3
-*ELEMENT, TYPE=S3
+*ELEMENT, TYPE=S3, ELSET=S
 1, 1, 2, 3
 """
 
@@ -171,3 +171,65 @@ def test_a_deck_of_nothing_says_so(tmp_path, text):
     (tmp_path / "a.bdf").write_text(text)
     with pytest.raises(FileError, match="holds no GRID"):
         read_mesh(tmp_path / "a.bdf")
+
+
+FREEDOM = "cannot be read: a degree of freedom must be one from 1 to 6, got "
+SPRING = "*ELEMENT, TYPE=SPRING1, ELSET=K\n9, 2\n*SPRING, ELSET=K\n"
+DASHPOT = "*ELEMENT, TYPE=DASHPOT2, ELSET=K\n9, 2, 3\n*DASHPOT, ELSET=K\n"
+COUPLING = "*SURFACE, NAME=F, TYPE=NODE\n1\n2\n*COUPLING, REF NODE=4, SURFACE=F, CONSTRAINT NAME=C\n*KINEMATIC\n"
+
+
+@pytest.mark.parametrize(
+    "lines, kind, why",
+    [
+        *((f"{SPRING}{word}\n5.", "SPRING", f"line 10 {FREEDOM}'{word}'") for word in ("7", "8", "0", "-1")),
+        (f"{SPRING}2\nNAN", "SPRING", "line 10 cannot be read: 'NAN' is no finite number"),
+        (f"{DASHPOT}1, 7\n5.", "DASHPOT", f"line 10 {FREEDOM}'7'"),
+        (f"{DASHPOT.replace('2, 3', '2, 2')}1, 1\n5.", "DASHPOT", "it joins a component with itself"),
+        ("*EQUATION\n2\n4, 0, 1., 1, 1, -1.", "EQUATION", "it works on no displacement"),
+        ("*EQUATION\n2\n4, 1, 1., 1, -1, -1.", "EQUATION", "it works on no displacement"),
+        ("*EQUATION\n2\n4, 1, 0., 1, 1, -1.", "EQUATION", "the factor of its dependent term is 0"),
+        ("*EQUATION\n2\n4, 1, 1., 1, 1, INF", "EQUATION", "line 8 cannot be read: 'INF' is no finite number"),
+        *(
+            (f"*KINEMATIC COUPLING, REF NODE=4\n1, {word}", "KINEMATIC COUPLING", f"line 8 {FREEDOM}'{wrong}'")
+            for word, wrong in (("7", "7"), ("0", "0"), (" , 3", ""))
+        ),
+        (
+            "*KINEMATIC COUPLING, REF NODE=4\n1, 6, 1",
+            "KINEMATIC COUPLING",
+            "line 8 cannot be read: degrees of freedom from 6 to 1 are none",
+        ),
+        (f"{COUPLING}1, 7", "COUPLING", f"line 11 {FREEDOM}'7'"),
+        (
+            "*SHELL SECTION, ELSET=S, OFFSET=NAN\n0.1",
+            "SHELL SECTION OFFSET",
+            "its offset 'NAN' is a distribution, or no number",
+        ),
+        (
+            "*ELEMENT, TYPE=B31, ELSET=B\n7, 1, 2\n*BEAM SECTION, SECTION=RECT, ELSET=B, OFFSET1=0.5\n0.1, 0.1\n0., 0., 0.",
+            "BEAM SECTION OFFSET",
+            "its local direction 1 is along its axis, or one of them has no length",
+        ),
+    ],
+)
+def test_keywords_with_odd_words_are_obstacles_with_the_reason(keywords, lines, kind, why):
+    part = part_of(keywords(lines), kind)
+    assert part.obstacle == why
+    assert (part.springs, part.masses, part.ties, part.offsets) == ((), (), (), ())
+
+
+def test_ranges_of_degrees_of_freedom_are_those_of_the_line(keywords):
+    for words, expected in (("2", ["1Y+"]), ("2, 3", ["1Y+", "1Z+"])):
+        part = part_of(keywords(f"*KINEMATIC COUPLING, REF NODE=4\n1, {words}"), "KINEMATIC COUPLING")
+        assert [str(tie.dependent) for tie in part.ties] == expected
+    [link] = part_of(keywords("*KINEMATIC COUPLING, REF NODE=4\n1,"), "KINEMATIC COUPLING").ties
+    assert (link.main, link.dependents) == (4, (1,))
+
+
+def test_factors_of_a_degree_of_freedom_that_is_named_twice_add_up(bulk, keywords):
+    for mesh, kind in (
+        (bulk("MPC,1,5,1,1.,1,1,-6.\n,,5,1,2."), "MPC"),
+        (keywords("*EQUATION\n3\n3, 1, 1., 1, 1, -6., 3, 1, 2."), "EQUATION"),
+    ):
+        [tie] = part_of(mesh, kind).ties
+        assert [(str(dof), factor) for dof, factor in tie.depends_on] == [("1X+", 2.0)]

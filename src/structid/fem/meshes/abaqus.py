@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
-from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks, numbers_of, spelled_out
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks, number_of, numbers_of, spelled_out
 from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
 from structid.fem.meshes.abaqus_surfaces import Surfaces
 from structid.fem.meshes.coordinate_systems import unit_normals
@@ -485,10 +485,10 @@ class _SectionOffsets:
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
         first = guide - (along @ guide)[:, None] * along
         size = np.linalg.norm(first, axis=1, keepdims=True)
-        if (size < 1e-8 * np.linalg.norm(guide)).any():
-            raise ValueError("its local direction 1 is along its axis")
+        if not (size > 1e-8 * np.linalg.norm(guide)).all():
+            raise ValueError("its local direction 1 is along its axis, or one of them has no length")
         first = first / size
-        shares = [float(block.options.get(key, "") or 0) for key in ("OFFSET1", "OFFSET2")]
+        shares = [number_of(block.options.get(key, "") or "0") for key in ("OFFSET1", "OFFSET2")]
         arm = -(shares[0] * widths[0] * first + shares[1] * widths[1] * np.cross(along, first))
         return CellOffsets(index, rows, np.repeat(arm[:, None], 2, axis=1))
 
@@ -518,9 +518,9 @@ def _offset_in_thicknesses(word: str) -> float:
     if side is not None:
         return side
     try:
-        return float(word)
+        return number_of(word)
     except ValueError:
-        raise ValueError(f"its offset {word!r} is a distribution") from None
+        raise ValueError(f"its offset {word!r} is a distribution, or no number") from None
 
 
 def _thickness(block: KeywordBlock) -> float:
@@ -530,7 +530,7 @@ def _thickness(block: KeywordBlock) -> float:
     """
     if "NODAL THICKNESS" in block.options or block.options.get("SHELL THICKNESS"):
         raise ValueError("its thickness varies")
-    firsts = [float(row[0]) for row in block.rows if any(row)]
+    firsts = [number_of(row[0]) for row in block.rows if any(row)]
     if not firsts or block.keyword != "SHELL SECTION":
         raise ValueError("it has no thickness")
     return sum(firsts) if "COMPOSITE" in block.options else firsts[0]

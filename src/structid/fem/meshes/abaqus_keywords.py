@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,6 +153,17 @@ def _included_lines(
     yield from _read_lines(included, root, depth + 1)
 
 
+def number_of(word: str) -> float:
+    """The number `word`; `ValueError` unless it is a finite one."""
+    value = float(word)
+    if not math.isfinite(value) or "_" in word:  # Python reads 1_000
+        raise ValueError(f"{word!r} is no finite number")
+    return value
+
+
 def numbers_of(row: Sequence[str], count: int) -> list[float]:
-    """The first `count` numbers of a data line; blank words, and those that the line ends before, are 0."""
-    return [float(word or 0) for word in (*row, *[""] * count)[:count]]
+    """The first `count` numbers of a data line; blank words, and those that the line ends before, are 0.
+
+    Raises `ValueError` unless all are finite.
+    """
+    return [number_of(word or "0") for word in (*row, *[""] * count)[:count]]

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData, system_form
-from structid.fem.meshes.abaqus_keywords import KeywordBlock, numbers_of
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, number_of, numbers_of
 from structid.fem.meshes.abaqus_surfaces import Footpoint, Surface, Surfaces, footpoint, mean_side, nodal_areas
 from structid.fem.meshes.averages import (
     Component,
@@ -23,6 +23,7 @@ from structid.fem.meshes.averages import (
     mean_rows,
     rigid_constraints,
     solved_constraints,
+    solved_for_first,
 )
 from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points
 from structid.fem.meshes.deck_parts import (
@@ -303,7 +304,7 @@ def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) 
     for kind, nodes in deck.elements_of(scope, name, _SPRINGS[block.keyword]):
         table = rows if kind.endswith("A") else rows[1:]
         tabled = "its values depend on frequency, temperature or fields" if len(table) > 1 else ""
-        value = float(table[0][0])
+        value = number_of(table[0][0])
         weights, why, is_rotation = _spring_weights(deck, scope, kind, nodes, rows[0])
         value *= deck.units.stiffness(is_rotation)
         is_spring = block.keyword == "SPRING"
@@ -317,9 +318,10 @@ def _spring_weights(
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
     """Weights by (node, direction) of the displacements that a spring acts on, an obstacle, and True if rotational.
 
-    The obstacle is "" if there is none, else there are no weights. `deck` has positions and axes of nodes, `kind` is
+    The obstacle is "" if there is none, else weights mean nothing. `deck` has positions and axes of nodes, `kind` is
     the element type of the spring, `nodes` are its nodes, `row` is the data line with its degrees of freedom (from 1),
-    and `scope` the instance, which may be turned. Raises `ValueError` if degrees of freedom are missing.
+    and `scope` the instance, which may be turned. Raises `ValueError` if degrees of freedom are missing, or not from 1
+    to 6.
     """
     if kind.endswith("A"):
         along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
@@ -330,12 +332,13 @@ def _spring_weights(
         return weights_along(nodes[0], axis, False, -1.0) | weights_along(nodes[1], axis), "", False
     if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
         return {}, _TURNED, False
-    components = [int(word) - 1 for word in row if word][: len(nodes)]
-    if len(components) < len(nodes):
+    words = [word for word in row[: len(nodes)] if word]
+    if len(words) < len(nodes):
         raise ValueError(f"{kind} needs {len(nodes)} degrees of freedom")
+    components = [_component_of(word) for word in words]
     ends = zip(nodes, components, (1.0, -1.0), strict=False)
     weights, is_rotation = weights_between(ends, lambda node: deck.axes.get(node, np.eye(3)), deck.units)
-    return weights, "", is_rotation
+    return weights, "" if any(weights.values()) else "it joins a component with itself", is_rotation
 
 
 Ties = list[RigidLink | Constraint]
@@ -379,16 +382,14 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
         pairs = []
         for labels, (_, component, factor) in zip(nodes, terms, strict=True):
             label, axis = labels[min(index, len(labels) - 1)], int(component) - 1
-            if label not in deck.positions or axis > 5:
+            if label not in deck.positions or not 0 <= axis <= 5:
                 return [("it works on no displacement", DeckPart("EQUATION", count))]
             if label in deck.axes:
                 return [(_LOCAL, DeckPart("EQUATION", count))]
-            pairs.append((Dof(label, DIRECTIONS[axis]), float(factor) * (deck.units.length if axis > 2 else 1.0)))
-        (dependent, first), *others = pairs
-        sums: dict[Dof, float] = {}
-        for dof, weight in others:
-            sums[dof] = sums.get(dof, 0.0) - weight / first
-        tie = Constraint(f"equation {dependent.unsigned}", dependent, sums.items())
+            pairs.append((Dof(label, DIRECTIONS[axis]), number_of(factor) * (deck.units.length if axis > 2 else 1.0)))
+        tie = solved_for_first(f"equation {pairs[0][0].unsigned}", pairs)
+        if tie is None:
+            return [("the factor of its dependent term is 0", DeckPart("EQUATION", count))]
         items.append(("", DeckPart("EQUATION", 1, ties=(tie,))))
     return items
 
@@ -490,9 +491,8 @@ def _read_kinematic_coupling(deck: _AssemblyContext, scope: PartData, block: Key
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
     items: ObstaclesAndParts = []
     for row in block.rows:
-        words = [word for word in row if word]
-        nodes = deck.assembly.nodes(scope, words[0])
-        items.append(_follow_rigidly(deck, block, scope, main, nodes, _component_range(words[1:])))
+        nodes = deck.assembly.nodes(scope, row[0])
+        items.append(_follow_rigidly(deck, block, scope, main, nodes, _component_range(row[1:])))
     return items
 
 
@@ -512,8 +512,8 @@ def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock)
         return [("it has a radius of influence or an orientation", DeckPart("COUPLING", 1))]
     surface = deck.surfaces.read(scope, block.options.get("SURFACE", ""))
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
-    rows = [[word for word in row if word] for row in next_blocks[0].rows]
-    components = sorted({component for row in rows if row for component in _component_range(row)}) or list(range(6))
+    rows = [row for row in next_blocks[0].rows if any(row)]
+    components = sorted({component for row in rows for component in _component_range(row)}) or list(range(6))
     if law == "KINEMATIC":
         return [_follow_rigidly(deck, block, scope, main, surface.nodes, components)]
     method = next_blocks[0].options.get("WEIGHTING METHOD", "UNIFORM").upper()
@@ -589,7 +589,7 @@ def _tie_near_nodes(
 
     faces = [np.array([deck.positions[node] for node in face]) for face, _ in carriers.faces]
     stated = block.options.get("POSITION TOLERANCE", "")
-    near = deck.units.length * float(stated) if stated else _NEAR * mean_side(faces)
+    near = deck.units.length * number_of(stated) if stated else _NEAR * mean_side(faces)
     centres = cKDTree([face.mean(axis=0) for face in faces])
     reach = max(float(np.linalg.norm(face - face.mean(axis=0), axis=1).max()) for face in faces)
     turning = () if "NO ROTATION" in block.options else deck.turning
@@ -635,15 +635,26 @@ def _tie_to_face(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint
     return ties
 
 
+def _component_of(word: str) -> int:
+    """Component (0 to 5) of the degree of freedom `word`, which counts from 1; `ValueError` unless it is 1 to 6."""
+    if not re.fullmatch("[1-6]", word):
+        raise ValueError(f"a degree of freedom must be one from 1 to 6, got {word!r}")
+    return int(word) - 1
+
+
 def _component_range(words: Sequence[str]) -> list[int]:
     """Components (0 to 5) from the first to the second of `words`, which count from 1.
 
-    All if there are no words; a single one if there is one.
+    All if the words are blank; a single one if only the first is there. Raises `ValueError` if one is not 1 to 6, or
+    they run downwards.
     """
-    if not words:
+    if not any(words):
         return list(range(6))
-    first, last = int(words[0]), int(words[1] if len(words) > 1 else words[0])
-    return list(range(first - 1, last))
+    first = _component_of(words[0])
+    last = _component_of(words[1]) if any(words[1:]) else first
+    if last < first:
+        raise ValueError(f"degrees of freedom from {words[0]} to {words[1]} are none")
+    return list(range(first, last + 1))
 
 
 def _follow_rigidly(

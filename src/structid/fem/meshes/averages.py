@@ -132,6 +132,19 @@ def solved_constraints(
     ]
 
 
+def solved_for_first(name: str, terms: Sequence[tuple[Dof, float]]) -> Constraint | None:
+    """The equation that `terms`, pairs of degree of freedom and factor, add up to 0, solved for the first of them.
+
+    Factors of one degree of freedom add up; None if those of the first add up to 0. The constraint is called `name`.
+    """
+    factors: dict[Dof, float] = {}
+    for dof, factor in terms:
+        factors[dof] = factors.get(dof, 0.0) + factor
+    dependent = terms[0][0]
+    pivot = factors.pop(dependent)
+    return Constraint(name, dependent, [(dof, -factor / pivot) for dof, factor in factors.items()]) if pivot else None
+
+
 def rigid_constraints(
     name: str, main: int, dependent: int, arm: FloatArray, axes: FloatArray, components: Sequence[int]
 ) -> list[Constraint] | None:

@@ -22,6 +22,7 @@ from structid.fem.meshes.averages import (
     mean_rows,
     rigid_constraints,
     solved_constraints,
+    solved_for_first,
 )
 from structid.fem.meshes.bulk_cards import BulkSystems, BulkText, Cards
 from structid.fem.meshes.deck_parts import (
@@ -801,13 +802,8 @@ def _read_mpc(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
         axis = _component_index(component)
         for (label, direction), part in weights_along(node, deck.axes_at(node)[axis % 3], axis > 2).items():
             sums.append((Dof(label, direction), factor * part * (deck.units.length if axis > 2 else 1.0)))
-    first, *others = sums
     first_axis = deck.axes_at(terms[0][0])[_component_index(terms[0][1]) % 3]
     if np.abs(first_axis).max() < 1 - 1e-12:
         return _OBLIQUE, []
-    if not first[1]:
-        return "the factor of its dependent term is 0", []
-    factors: dict[Dof, float] = {}
-    for dof, value in others:
-        factors[dof] = factors.get(dof, 0.0) - value / first[1]
-    return "", [Constraint(f"mpc {first[0].unsigned}", first[0], factors.items())]
+    constraint = solved_for_first(f"mpc {sums[0][0].unsigned}", sums)
+    return ("", [constraint]) if constraint is not None else ("the factor of its dependent term is 0", [])
