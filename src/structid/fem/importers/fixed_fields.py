@@ -45,13 +45,13 @@ def is_blank(fields: Bytes) -> NDArray[np.bool_]:
     return np.asarray((fields <= _BLANK).all(axis=1))
 
 
-def real_numbers(fields: Bytes) -> FloatArray:
+def real_numbers(fields: Bytes, must_be_finite: bool = True) -> FloatArray:
     """Real numbers from text fields (n, width) of bytes, (n,): 1.5, 1.5E+03, 1.5D+03 or Nastran's 1.5+3; 0 where blank.
 
     Raises
     ------
     FieldError
-        At the first field that is no finite number, with its index and text.
+        At the first field that is no number, or no finite one if it `must_be_finite`, with its index and text.
     """
     if not len(fields):
         return np.zeros(0)
@@ -79,7 +79,7 @@ def real_numbers(fields: Bytes) -> FloatArray:
         numbers = text.astype(np.float64)
     except ValueError:
         raise _first_bad(text, fields) from None
-    if not np.isfinite(numbers).all():
+    if must_be_finite and not np.isfinite(numbers).all():
         raise _field_error(fields, int(np.argmin(np.isfinite(numbers))))
     return numbers
 

@@ -165,7 +165,7 @@ def complex_values(first: FloatArray, second: FloatArray, is_polar: bool) -> Num
 
 
 def parse_numbers(path: Path, fields: Sequence[str]) -> FloatArray:
-    """Numbers (n,) from text fields, also with Fortran's exponents.
+    """Numbers (n,) from text fields, also with Fortran's exponents, and those that a solver prints as NaN or infinite.
 
     `path` is for errors.
 
@@ -178,7 +178,7 @@ def parse_numbers(path: Path, fields: Sequence[str]) -> FloatArray:
     width = table.dtype.itemsize
     letters = np.frombuffer(table.tobytes(), dtype=np.uint8).reshape(-1, width)
     try:
-        return real_numbers(np.where(letters == 0, np.uint8(ord(" ")), letters))
+        return real_numbers(np.where(letters == 0, np.uint8(ord(" ")), letters), must_be_finite=False)
     except FieldError as error:
         raise FileError(f"{path}: {error.text[:30]!r} is no number; the file is damaged, {RUN_AGAIN}") from error
 
