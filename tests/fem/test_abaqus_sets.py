@@ -155,6 +155,33 @@ def test_the_middle_of_a_quadratic_line_stands_last(tmp_path):
     assert [(block.kind, block.nodes.tolist()) for block in mesh.blocks] == [("line3", [[1, 2, 3]])]
 
 
+@pytest.mark.parametrize(("rows", "weights"), [("1,3.\n2,1.\n3,1.\n4,3.\n", {1: 0.375, 2: 0.125, 3: 0.125, 4: 0.375}),
+                                             ("1\n2\n3\n4\n", dict.fromkeys((1, 2, 3, 4), 0.25)),
+                                             ("1,1.\n2,1.\n3\n4,1.\n", dict.fromkeys((1, 2, 4), 1 / 3))])  # fmt: skip
+def test_surfaces_of_nodes_weigh_a_mean_as_they_say(tmp_path, rows, weights):
+    """The reference node stands above the weighted middle of the panel, so that its z motion is the mean."""
+    at = sum(
+        np.array(weight) * np.array([[0, 0], [1, 0], [1, 1], [0, 1]][node - 1]) for node, weight in weights.items()
+    )
+    text = f"{PANEL}*NODE\n9,{at[0]:.17g},{at[1]:.17g},1.\n*SURFACE,TYPE=NODE,NAME=F\n{rows}"
+    part = part_of(
+        read(tmp_path, text + "*COUPLING,CONSTRAINT NAME=C,REF NODE=9,SURFACE=F\n*DISTRIBUTING\n"), "COUPLING"
+    )
+    assert part.obstacle == ""
+    along_z = {dof.node: weight for dof, weight in part.ties[2].depends_on if abs(weight) > 1e-12}
+    assert along_z == pytest.approx(weights)
+
+
+def test_masses_and_springs_without_a_value_are_said(tmp_path):
+    text = f"{PANEL}*ELEMENT,TYPE=MASS,ELSET=M\n5,1\n6,2\n*ELEMENT,TYPE=SPRING1,ELSET=K\n7,3\n*MASS,ELSET=N\n2.\n"
+    mesh = read(tmp_path, text.replace("*MASS", "*ELSET,ELSET=N\n6\n*MASS"))
+    assert [(part.kind, part.count, part.obstacle) for part in mesh.parts] == [
+        ("MASS", 1, ""),
+        ("MASS", 1, "no *MASS gives its value"),
+        ("SPRING", 1, "no *SPRING gives its value"),
+    ]
+
+
 def test_equations_of_unsorted_sets_are_not_paired_by_number(tmp_path):
     sets = "*NSET,NSET=A{0}\n1,2\n*NSET,NSET=B{0}\n4,3\n*EQUATION\n2\nA,1,1.,B,1,-1.\n"
     assert part_of(read(tmp_path, PANEL + sets.format("")), "EQUATION").obstacle == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -139,21 +140,29 @@ class _AssemblyContext:
                 items.append((f"line {block.line} cannot be read: {error}", DeckPart(keyword, 1)))
         return split_by_obstacle(keyword, items)
 
+    def members_of(self, scope: PartData, name: str) -> list[tuple[PartData, set[int]]]:
+        """Elements of the set `name` as pairs of the instance (or the assembly) and labels in it.
+
+        The set is looked up in `scope`, a part, an instance or the assembly. Raises `ValueError` if there is none.
+        """
+        is_assembly = scope is self.assembly.own
+        members = dict(self.assembly.cell_sets.get(name.upper(), {})) if is_assembly else {}
+        if name.upper() in scope.cell_sets:
+            members[scope.name.upper()] = members.get(scope.name.upper(), set()) | scope.cell_sets[name.upper()]
+        if not members:
+            raise ValueError(f"there is no element set {name!r}")
+        return [
+            (scope if owner == scope.name.upper() else self.assembly.scope(owner), labels)
+            for owner, labels in members.items()
+        ]
+
     def elements_of(self, scope: PartData, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
         """Type and node labels in the mesh of each element in the set `name` that is of one of the types `kinds`.
 
         The set is looked up in `scope`, a part, an instance or the assembly. Raises `ValueError` if there is none.
         """
-        is_assembly = scope is self.assembly.own
-        by_owner = self.assembly.cell_sets.get(name.upper(), {}) if is_assembly else {}
-        members = dict(by_owner)
-        if name.upper() in scope.cell_sets:
-            members[scope.name.upper()] = members.get(scope.name.upper(), set()) | scope.cell_sets[name.upper()]
-        if not members:
-            raise ValueError(f"there is no element set {name!r}")
         elements = []
-        for owner, labels in members.items():
-            holder = scope if owner == scope.name.upper() else self.assembly.scope(owner)
+        for holder, labels in self.members_of(scope, name):
             for kind in kinds:
                 table = holder.elements.get(kind, {})
                 for label in sorted(labels & set(table)):
@@ -247,6 +256,7 @@ def read_parts(
     for keyword, why in _UNREAD.items():
         count = sum(1 for _ in deck.blocks(keyword))
         parts += [DeckPart(keyword, count, obstacle=why)] if count else []
+    parts += _elements_without_values(deck)
     counts: dict[str, int] = {}
     read_kinds = {"MASS", "ROTARYI"} | {kind for kinds in _SPRINGS.values() for kind in kinds}
     for scope in deck.assembly.all_scopes:
@@ -254,6 +264,24 @@ def read_parts(
             if is_part(kind) and kind not in read_kinds:
                 counts[kind] = counts.get(kind, 0) + len(table)
     return [*parts, *(DeckPart(kind, count, obstacle="no element for it") for kind, count in counts.items())]
+
+
+def _elements_without_values(deck: _AssemblyContext) -> list[DeckPart]:
+    """Masses, springs and dashpots of which no keyword says the value, a part with an obstacle for each keyword."""
+    parts = []
+    for keyword, kinds in {"MASS": ("MASS",), "ROTARY INERTIA": ("ROTARYI",), **_SPRINGS}.items():
+        valued: dict[str, set[int]] = {}
+        for scope, block in deck.blocks(keyword):
+            with suppress(ValueError):  # a set that is not there is told where the keyword is read
+                for holder, labels in deck.members_of(scope, block.options.get("ELSET", "")):
+                    valued.setdefault(holder.name, set()).update(labels)
+        count = sum(
+            len(set(scope.elements.get(kind, {})) - valued.get(scope.name, set()))
+            for scope in deck.assembly.all_scopes
+            for kind in kinds
+        )
+        parts += [DeckPart(keyword, count, obstacle=f"no *{keyword} gives its value")] if count else []
+    return parts
 
 
 def _read_point_masses(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
@@ -519,7 +547,8 @@ def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock)
     method = next_blocks[0].options.get("WEIGHTING METHOD", "UNIFORM").upper()
     if method != "UNIFORM" or next_blocks[0].options.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
         return [("its weights are not uniform, or it couples rotations", DeckPart("COUPLING", 1))]
-    areas = nodal_areas(surface, deck.positions.__getitem__) if surface.faces else dict.fromkeys(surface.nodes, 1.0)
+    areas = nodal_areas(surface, deck.positions.__getitem__) if surface.faces else surface.weights
+    areas = {node: area for node, area in areas.items() if area}
     return [_mean_constraints(deck, main, areas, sorted({0, 1, 2, *components}))]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,10 +45,14 @@ class Surface:
         Labels in the mesh of each face, corners before middles, and whether it is a shell.
     nodes : list of int
         All of its nodes, each once.
+    weights : dict of int to float
+        Weight of each node of a surface of nodes in a coupling that distributes; all 1 where none is stated, else those that
+        are not stated 0. Empty for surfaces of faces.
     """
 
     faces: list[tuple[tuple[int, ...], bool]]
     nodes: list[int]
+    weights: dict[int, float] = field(default_factory=dict)
 
 
 class Surfaces:
@@ -81,8 +85,13 @@ class Surfaces:
         kind = block.options.get("TYPE", "ELEMENT").upper()
         rows = [[word for word in row if word] for row in block.rows if any(row)]
         if kind == "NODE":
-            nodes = [node for row in rows for node in self._assembly.nodes(holder, row[0])]
-            return Surface([], list(dict.fromkeys(nodes)))
+            are_stated = any(len(row) > 1 for row in rows)
+            weights = {
+                node: float(row[1]) if len(row) > 1 else float(not are_stated)
+                for row in rows
+                for node in self._assembly.nodes(holder, row[0])
+            }
+            return Surface([], list(weights), weights)
         if kind != "ELEMENT":
             raise ValueError(f"surface {name!r} is of type {kind}")
         faces = []
