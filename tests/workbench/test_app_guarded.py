@@ -353,6 +353,26 @@ def test_what_is_kept_for_the_user_is_for_the_user_alone(tmp_path, monkeypatch):
     assert stat.S_IMODE(user_state.state_folder().stat().st_mode) == 0o700
 
 
+def test_of_the_files_kept_for_the_user_only_its_own_are_removed(tmp_path, monkeypatch):
+    """Tickets of dead runs and pages of killed servers, by their whole names."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(server.Path, "home", lambda: tmp_path / "home")
+    queue = user_state.state_folder() / "runs"
+    queue.mkdir()
+    dead, foreign = queue / f"{1:020}-99", [queue / "1.txt", user_state.state_folder() / "open-house.html"]
+    page = user_state.state_folder() / f"open-{1:016x}.html"
+    for path in (dead, page, *foreign):
+        path.write_text("x", encoding="utf-8")
+        os.utime(path, (0, 0))
+    ticket, path = runner._take_ticket(queue / f"{2:020}-1")
+    try:
+        assert runner._position(queue, path) == 0
+    finally:
+        os.close(ticket)
+    server._redirect_page("http://127.0.0.1/")
+    assert [one.exists() for one in (dead, page, *foreign)] == [False, False, True, True]
+
+
 def test_the_good_chain_needs_no_confirmation(tmp_path):
     write_chain(tmp_path / "good.toml")
     with served(tmp_path) as bench:
