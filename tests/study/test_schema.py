@@ -59,6 +59,17 @@ def test_the_command_shows_and_writes_it(tmp_path):
     assert written.exit_code == 0
     assert (tmp_path / "s.json").read_text(encoding="utf-8") == shown.output
     assert CliRunner().invoke(app, ["schema", str(tmp_path / "none" / "s.json")]).exit_code == 2
+    assert CliRunner().invoke(app, ["schema", str(tmp_path / "s.json")]).exit_code == 0  # anew
+
+
+@pytest.mark.parametrize("mine", ["[structure]", '{"title": "mine"}', "[1]", b"\xff"])
+def test_the_command_replaces_no_other_file(tmp_path, mine):
+    content = mine if isinstance(mine, bytes) else mine.encode()
+    (tmp_path / "study.toml").write_bytes(content)
+    done = CliRunner().invoke(app, ["schema", str(tmp_path / "study.toml")])
+    assert done.exit_code == 2
+    assert "study.toml: is there already and is no schema of studies" in done.stderr
+    assert (tmp_path / "study.toml").read_bytes() == content
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import say
+from structid.core.errors import FileError
 
 Target = Annotated[
     Path | None,
@@ -29,10 +30,24 @@ def schema(target: Target = None) -> None:
     from structid.files import atomic_write  # the help needs none of these
     from structid.study.json_schema import study_schema
 
-    text = json.dumps(study_schema(), indent=2, ensure_ascii=False) + "\n"
+    content = study_schema()
+    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
     if target is None:
         typer.echo(text, nl=False)
         return
+    if target.is_file() and not _is_schema(target, content["title"]):
+        raise FileError(
+            f"{target}: is there already and is no schema of studies; give another name, as in study.schema.json"
+        )
     with atomic_write(target) as temporary:
         temporary.write_text(text, encoding="utf-8")
     say(target)
+
+
+def _is_schema(path: Path, title: object) -> bool:
+    """True if the file at `path` is a JSON object with this title."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    return isinstance(content, dict) and content.get("title") == title
