@@ -94,6 +94,20 @@ COMPONENTS = "components must be among 1 to 6, each once, got "
         ("CVISC,7,1,1,2\nPVISC,1,x", "its property 1 cannot be read: X"),
         ("CBUSH,7,7,4,5,,,,0\nPBUSH,7,K,x", "its property 7 cannot be read: X"),
         ("CBUSH1D,7,7,4,5\nPBUSH1D,7,x", "its property 7 cannot be read: X"),
+        ("RBE2,7,5,123,1,-2", "it is at a scalar point, or a grid point that is not there"),
+        ("RBE2,7,5,123,1,2.,3", "RBE2 7 cannot be read: '2.' is no whole number"),
+        ("RBE3,7,,5,123,1.,123", "RBE3 7 cannot be read: the weight 1. has no nodes"),
+        ("CBUSH,7,7,4,4,,,,0\nPBUSH,7,K,1.", "it joins a node with itself"),
+        ("CBUSH,7,7,4,5,,,,0\n,1.5\nPBUSH,7,K,1.", "its spring stands beyond the ends"),
+        (
+            "CBUSH,7,7,4,5,,,,0\nPBUSH,7,1.,2.",
+            "its property 7 cannot be read: 1. stands behind no K, B or GE, or is a seventh value",
+        ),
+        (
+            "CBUSH,7,7,4,5,,,,0\nPBUSH,7,K,1.,2.,3.,4.,5.,6.\n,7.",
+            "its property 7 cannot be read: 7. stands behind no K, B or GE, or is a seventh value",
+        ),
+        ("CONM2,8,1,,5.\nCONM2,8,2,,5.", "CONM2 8 stands twice, with other fields"),
         ("CELAS1,8,5,1,1\nPELAS,5,1.\nPELAS,5,2.", "its PELAS stands twice, with other fields"),
         ("CVISC,7,1,1,2\nPVISC,1,1.\nPVISC,1,2.\nPVISC,1,2.", "its PVISC stands twice, with other fields"),
     ],
@@ -111,6 +125,29 @@ def test_a_property_without_a_number_is_listed_and_others_are_read(bulk, card, w
     mesh = bulk(f"{card}\nPELAS,5,7.\nCELAS1,8,5,1,1")
     assert part_of(mesh, card.partition(",")[0]).obstacle == f"it has {word!r} for its number"
     assert [spring.stiffness for spring in part_of(mesh, "CELAS1").springs] == [7.0]
+
+
+def test_a_card_that_stands_twice_counts_once(bulk):
+    part = part_of(bulk("CONM2,8,1,,5.\nCONM2,9,1,,3.\nCONM2,8,1,,5."), "CONM2")
+    assert (part.count, part.mass, part.obstacle) == (2, 8.0, "")
+
+
+def test_loss_factors_of_bushings_are_those_of_their_directions(bulk):
+    cards = "CBUSH,7,7,1,2,,,,0\nPBUSH,7,K,1.,2.,3.\n,,GE,"
+    for losses, expected in (("0.1", [0.1, 0.1, 0.1]), ("0.1,0.2", [0.1, 0.2, 0.0])):
+        springs = part_of(bulk(cards + losses), "CBUSH").springs
+        assert [(spring.stiffness, spring.loss_factor) for spring in springs] == list(
+            zip([1, 2, 3], expected, strict=True)
+        )
+
+
+@pytest.mark.parametrize(
+    "card, nodes",
+    [("RBE2,7,1,3,2,2,5,1.-5,20.", (2, 5)), ("RBE2,7,1,3,2,5,6.5-6", (2, 5)), ("RBAR,7,1,2,123456,0,0,3", (2,))],
+)
+def test_nodes_named_twice_expansion_and_zeros_leave_rigid_elements_as_they_are(bulk, card, nodes):
+    ties = part_of(bulk(card), card.partition(",")[0]).ties
+    assert tuple(str(tie.dependent) for tie in ties) == tuple(f"{node}Z+" for node in nodes)
 
 
 def test_a_blank_property_is_that_of_the_number_of_the_element(bulk):

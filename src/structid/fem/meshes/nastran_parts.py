@@ -182,7 +182,7 @@ def read_parts(
         part
         for name, make in _readers(deck).items()
         if name in cards
-        for part in _read_cards(name, deck.rows(name), make)
+        for part in _read_cards(name, _unrepeated(deck.rows(name)), make)
     ]
     parts += [part for name in _PROPERTIES for part in _unnumbered_properties(deck, name)]
     parts += _read_mpc_set(deck, text.case_control)
@@ -217,8 +217,8 @@ def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
 ObstacleAndPart = tuple[str, DeckPart]
 #: Fields of a property behind its number, and why it cannot be taken, by its number.
 Properties = dict[int, tuple[list[str], str]]
-#: Stiffness and damping (6,) of a property, its loss factor, and why it cannot be taken.
-BushValues = tuple[FloatArray, FloatArray, float, str]
+#: Stiffness, damping and loss factors of a property, (6,) each, and why it cannot be taken.
+BushValues = tuple[FloatArray, FloatArray, FloatArray, str]
 Reader = Callable[[Sequence[str]], ObstacleAndPart]
 
 
@@ -253,15 +253,24 @@ def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> lis
     """The parts that `reader` makes of all cards of a name: one of all that can be taken, one for each obstacle.
 
     `reader` takes the fields of a card and returns an obstacle ("" if none) and its part; `rows` are the fields of each
-    card. Unreadable cards become a part with that obstacle.
+    card. Unreadable cards become a part with that obstacle, and so do those whose number stands twice.
     """
     items: list[ObstacleAndPart] = []
+    counts = Counter(words[0] for words in rows)
     for words in rows:
+        if counts[words[0]] > 1 and name != "MPC":  # there the first field is the number of a set
+            items.append((f"{name} {words[0]} stands twice, with other fields", DeckPart(name, 1)))
+            continue
         try:
             items.append(reader(words))
         except (ValueError, IndexError, KeyError) as error:
             items.append((f"{name} {words[0]} cannot be read: {error}", DeckPart(name, 1)))
     return split_by_obstacle(name, items)
+
+
+def _unrepeated(rows: Sequence[list[str]]) -> list[list[str]]:
+    """The `rows` of fields without those that repeat another, in order: solvers take whole cards that stand twice once."""
+    return list({tuple(words): words for words in rows}.values())
 
 
 def _words_of_cards(cards: Mapping[str, Cards], name: str) -> list[list[str]]:
@@ -401,10 +410,10 @@ def _read_values(properties: Properties, read: Callable[[Sequence[str]], BushVal
     values: dict[int, BushValues] = {}
     for number, (words, problem) in properties.items():
         try:
-            stiffness, damping, loss, why = read(words)
-            values[number] = (stiffness, damping, loss, problem or why)
+            stiffness, damping, losses, why = read(words)
+            values[number] = (stiffness, damping, losses, problem or why)
         except ValueError as error:
-            values[number] = (np.zeros(6), np.zeros(6), 0.0, f"its property {number} cannot be read: {error}")
+            values[number] = (np.zeros(6), np.zeros(6), np.zeros(6), f"its property {number} cannot be read: {error}")
     return values
 
 
@@ -455,16 +464,18 @@ def _read_bush(
 
     Obstacles are a property that is not there or has one itself, a scalar point, a spring off the line of its nodes,
     and stiffness across an axis that the card does not give. `name` and `fields` are those of the card; `values` has
-    the stiffness (6,), damping (6,), loss factor and obstacle of each property, by number.
+    the stiffness (6,), damping (6,), loss factors (6,) and obstacle of each property, by number.
     """
     words = _pad_words(fields, 16)
     first, second = _whole(words[2]), _whole(words[3])
     number = _whole(words[1]) or _whole(words[0])
     if first not in deck.positions or (second and second not in deck.positions):
         return _SCALAR, DeckPart(name, 1)
+    if first == second:
+        return "it joins a node with itself", DeckPart(name, 1)
     if number not in values:
         return _NO_PROPERTY, DeckPart(name, 1)
-    stiffness, damping, loss, problem = values[number]
+    stiffness, damping, losses, problem = values[number]
     axes, obstacle = _bush_axes(deck, name, first, second, words)
     if name == "CBUSH" and (words[9] not in ("", "-1") or any(words[10:13])):
         problem = problem or "its spring stands off the line of its nodes"
@@ -472,12 +483,14 @@ def _read_bush(
     if problem or axes is None or (works & ~np.tile(axes.any(axis=1), 2)).any():
         return problem or obstacle or "it has no orientation", DeckPart(name, 1)
     position = _real(words[8]) if words[8] and name == "CBUSH" else 0.5
+    if not 0 <= position <= 1:
+        return "its spring stands beyond the ends", DeckPart(name, 1)
     springs = []
     for component in np.flatnonzero(works).tolist():
         weights = _bush_weights(deck, first, second, axes[component % 3], component > 2, position)
         factor = deck.units.stiffness(component > 2)
-        values_here = (factor * stiffness[component], factor * damping[component])
-        springs.append(DeckSpring(weights, *values_here, loss, words[1] or words[0]))
+        values_here = (factor * stiffness[component], factor * damping[component], float(losses[component]))
+        springs.append(DeckSpring(weights, *values_here, words[1] or words[0]))
     return "", DeckPart(name, 1, springs=tuple(springs))
 
 
@@ -540,44 +553,48 @@ def _bush_axes(
 
 
 def _read_pbush(words: Sequence[str]) -> BushValues:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of a PBUSH card, in the unit of the file.
+    """Stiffness (6,), damping (6,), loss factors (6,) and obstacle of a PBUSH card, in the unit of the file.
 
-    `words` are its fields behind the number. The obstacle is "" unless the stiffness is rigid or has a mass; the loss
-    factor is the first GE.
+    `words` are its fields behind the number. The obstacle is "" unless the stiffness is rigid or has a mass; the first
+    GE holds for all directions where the others are 0. Raises `ValueError` for a value whose meaning is not stated.
     """
     numbers = {"K": np.zeros(6), "B": np.zeros(6), "GE": np.zeros(6)}
     problem, flag, index = "", "", 0
+    others = ("M", "RCV", "KMAG", "T", "ALPHA", "TREF")
     for word in words:
-        if word in ("K", "B", "GE", "M", "RCV", "KMAG", "T", "ALPHA", "TREF"):
+        if word in numbers or word in others:
             flag, index = word, 0
             problem = "its stiffness is rigid or has a mass" if word in ("KMAG", "M") else problem
+        elif word and (not flag or (flag in numbers and index > 5)):
+            raise ValueError(f"{word} stands behind no K, B or GE, or is a seventh value")
         elif flag in numbers and index < 6:
             if word == "RIGID":
                 problem = "its stiffness is rigid"
             else:
                 numbers[flag][index] = _real(word)
             index += 1
-    return numbers["K"], numbers["B"], float(numbers["GE"][0]), problem
+    losses = numbers["GE"] if numbers["GE"][1:].any() else np.full(6, numbers["GE"][0])
+    return numbers["K"], numbers["B"], losses, problem
 
 
 def _read_pbush1d(words: Sequence[str]) -> BushValues:
-    """Stiffness (6,), damping (6,), loss factor and obstacle of a PBUSH1D card, in the unit of the file.
+    """Stiffness (6,), damping (6,), loss factors (6,) and obstacle of a PBUSH1D card, in the unit of the file.
 
-    `words` are its fields behind the number. Only the first, axial, entries are not 0, and the loss factor is 0; the
+    `words` are its fields behind the number. Only the first, axial, entries are not 0, and loss factors are 0; the
     obstacle is "" unless it has a mass or is nonlinear.
     """
     problem = "it has a mass or is nonlinear" if _real(words[2]) or any(words[7:]) else ""
-    return _axial(words[0]), _axial(words[1]), 0.0, problem
+    return _axial(words[0]), _axial(words[1]), np.zeros(6), problem
 
 
 def _read_pvisc(words: Sequence[str]) -> BushValues:
-    """Stiffness (0), damping (6,), loss factor (0) and obstacle ("") of a PVISC property, in the unit of the file.
+    """Stiffness (0), damping (6,), loss factors (0) and obstacle ("") of a PVISC property, in the unit of the file.
 
     `words` are its fields behind the number. Axial and torsional damping are entries 0 and 3.
     """
     damping = _axial(words[0])
     damping[3] = _real(words[1])
-    return np.zeros(6), damping, 0.0, ""
+    return np.zeros(6), damping, np.zeros(6), ""
 
 
 def _axial(word: str) -> FloatArray:
@@ -609,7 +626,10 @@ def _read_rbe2(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     and oblique directions; there are no ties then. Raises `ValueError` or `IndexError` for a field that cannot be read.
     """
     main = _whole(fields[1])
-    dependents = _node_list([word for word in fields[3:] if _is_listed(word) or not _is_number(word)])
+    listed = [word for word in fields[3:] if word]
+    while listed and "." in listed[-1]:  # ALPHA and TREF
+        listed.pop()
+    dependents = _node_list(listed)
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
         return _SCALAR, []
     return _follow_rigidly(deck, f"rbe2 {fields[0]}", main, dependents, fields[2])
@@ -624,10 +644,11 @@ def _follow_rigidly(
     as "123"; with all six the tie is a rigid link called `name`, else a constraint each, and oblique directions are an
     obstacle, without ties.
     """
-    if set(_component_indices(components)) == set(range(6)):
-        return "", [RigidLink(name, main, dependents)]
+    dependents = list(dict.fromkeys(dependents))
     if not dependents or main in dependents:
         raise ValueError(f"it needs dependent nodes other than its main node {main}")
+    if set(_component_indices(components)) == set(range(6)):
+        return "", [RigidLink(name, main, dependents)]
     ties: list[RigidLink | Constraint] = []
     for node in dependents:
         arm = deck.positions[node] - deck.positions[main]
@@ -646,7 +667,7 @@ def _read_rbar(deck: _DeckContext, fields: Sequence[str]) -> ObstacleAndTies:
     """
     padded = _pad_words(fields, 8)
     first, second = _whole(padded[1]), _whole(padded[2])
-    independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
+    independent_first, independent_second, dependent_first, dependent_second = (word.strip("0") for word in padded[3:7])
     if first not in deck.positions or second not in deck.positions:
         return _SCALAR, []
     name = f"rbar {padded[0]}"
@@ -709,6 +730,8 @@ def _averaged_groups(fields: Sequence[str]) -> tuple[list[tuple[float, str, list
     averaged, behind = ([word for word in part if word] for part in (fields[:end], fields[end:]))
     while averaged:
         stop = next((k for k in range(2, len(averaged)) if not _is_listed(averaged[k])), len(averaged))
+        if stop == 2:
+            raise ValueError(f"the weight {averaged[0]} has no nodes")
         groups.append((_real(averaged[0]), averaged[1], _node_list(averaged[2:stop])))
         averaged = averaged[stop:]
     named = behind[1:] if behind[:1] == ["UM"] else []
