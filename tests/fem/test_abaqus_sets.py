@@ -155,7 +155,7 @@ def test_the_middle_of_a_quadratic_line_stands_last(tmp_path):
     assert [(block.kind, block.nodes.tolist()) for block in mesh.blocks] == [("line3", [[1, 2, 3]])]
 
 
-@pytest.mark.parametrize(("rows", "weights"), [("1,3.\n2,1.\n3,1.\n4,3.\n", {1: 0.375, 2: 0.125, 3: 0.125, 4: 0.375}),
+@pytest.mark.parametrize(("rows", "weights"), [("1,5.\n2,1.\n3,1.\n4,1.\n", {1: 0.625, 2: 0.125, 3: 0.125, 4: 0.125}),
                                              ("1\n2\n3\n4\n", dict.fromkeys((1, 2, 3, 4), 0.25)),
                                              ("1,1.\n2,1.\n3\n4,1.\n", dict.fromkeys((1, 2, 4), 1 / 3))])  # fmt: skip
 def test_surfaces_of_nodes_weigh_a_mean_as_they_say(tmp_path, rows, weights):
