@@ -11,7 +11,14 @@ from structid import InputError, TimeRecord
 from structid.modal import ModalOptions, identify_modes
 from structid.modal.correlations import outputs
 from structid.modal.spectral.fdd import fdd
-from structid.modal.spectral.peaks import automatic_bands, automatic_peaks, mode_places, singular_spectrum
+from structid.modal.spectral.peaks import (
+    Spectrum,
+    automatic_bands,
+    automatic_peaks,
+    mode_places,
+    peaks_by_hand,
+    singular_spectrum,
+)
 
 PALISADEN = Path(__file__).parents[3] / "shared" / "data" / "palisaden_building" / "acc_20Hz_full90min.npy"
 
@@ -29,6 +36,13 @@ def test_frequencies_near_no_peak_are_named():
     tone = TimeRecord(10.0, np.cos(2 * np.pi * t)[:, None] * [[1.0, 2.0]], ("1X", "2X"), ("velocity",) * 2)
     with pytest.raises(InputError, match=r"`frequencies` must be near peaks .* got 0\.4 Hz; the nearest peak is at"):
         fdd(tone, ModalOptions(frequencies=[0.4], segment=50))
+
+
+def test_a_spectrum_without_peaks_says_so():
+    falling = np.linspace(2.0, 1.0, 20)[:, None]
+    spectrum = Spectrum(np.arange(20.0), falling, np.ones((20, 1, 1), complex), 10.0, 40)
+    with pytest.raises(InputError, match=r"got 5 Hz; it has no peak\. Look at the singular values"):
+        peaks_by_hand(spectrum, [5.0])
 
 
 def test_bands_hold_one_mode_each_where_peaks_are_apart():

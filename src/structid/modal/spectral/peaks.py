@@ -203,10 +203,12 @@ def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     for f in wanted:
         near = peaks[np.abs(lines[peaks] - f) <= max(2 * spectrum.spacing, 0.02 * f)]
         if not len(near):
-            nearest = f"{lines[peaks[np.abs(lines[peaks] - f).argmin()]]:.4g} Hz" if len(peaks) else "nowhere"
+            words = "it has no peak"
+            if len(peaks):
+                words = f"the nearest peak is at {lines[peaks[np.abs(lines[peaks] - f).argmin()]]:.4g} Hz"
             raise InputError(
-                f"`frequencies` must be near peaks of the first singular value, got {f:g} Hz; the nearest peak is at "
-                f"{nearest}. Look at the singular values"
+                f"`frequencies` must be near peaks of the first singular value, got {f:g} Hz; {words}. Look at the singular"
+                " values"
             )
         chosen.append(int(near[first[near].argmax()]))
     if len(set(chosen)) < len(chosen):
