@@ -535,11 +535,13 @@ def _weak_words(estimate: Estimate) -> str:
     """
     at_bound = {bound.index for bound in estimate.spread.at_bound}
     weak = [index for index in np.flatnonzero(estimate.weakly_determined).tolist() if index not in at_bound]
-    if not weak:
-        return ""
-    relative = 100 * np.abs(estimate.std / estimate.values)
-    named = join_words([f"{estimate.names[index]} (to ± {relative[index]:.2g} %)" for index in weak], 3)
-    return f" but {named}"
+    named = [
+        f"{estimate.names[index]} (to ± {100 * abs(estimate.std[index] / estimate.values[index]):.2g} %)"
+        if estimate.values[index]
+        else estimate.names[index]
+        for index in weak
+    ]
+    return f" but {join_words(named, 3)}" if named else ""
 
 
 def _judged(
