@@ -381,11 +381,14 @@ def _read_equations(deck: _AssemblyContext, scope: PartData, block: KeywordBlock
     items: ObstaclesAndParts = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
     while rows:
-        count, words = int(float(rows.pop(0)[0])), list[str]()
+        said = number_of(rows.pop(0)[0])
+        count, words = int(said), list[str]()
+        if count < 1 or count != said:
+            raise ValueError(f"an equation has {said:g} terms")
         while len(words) < 3 * count and rows:
             words += rows.pop(0)
-        if len(words) < 3 * count:
-            raise ValueError(f"an equation of {count} terms has {len(words) // 3}")
+        if len(words) != 3 * count:
+            raise ValueError(f"an equation of {count} terms has {len(words)} words instead of {3 * count}")
         items += _make_equation(deck, scope, [words[3 * k : 3 * k + 3] for k in range(count)])
     return items
 
@@ -448,6 +451,8 @@ def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
         if any(_is_unsorted(deck, scope, word) for word in words[1:3]):
             items.append((_UNSORTED, DeckPart("MPC", 1)))
             continue
+        if len(words) != 3:
+            raise ValueError(f"type {kind} needs two nodes or sets, got {len(words) - 1}")
         dependents, mains = deck.assembly.nodes(scope, words[1]), deck.assembly.nodes(scope, words[2])
         mains = mains * len(dependents) if len(mains) == 1 else mains
         for dependent, main in zip(dependents, mains, strict=True):
@@ -459,9 +464,11 @@ def _make_ties(kind: str, main: int, dependent: int) -> Ties:
     """Ties of a dependent node to a main node: rigid (BEAM), all directions (TIE) or translations (PIN).
 
     `kind` is the word in brackets; other words count as PIN. A rigid tie is one `RigidLink`, others a `Constraint` for
-    each direction.
+    each direction. Raises `ValueError` if the two nodes are one.
     """
     name = f"mpc {kind.lower()} {dependent}"
+    if main == dependent:
+        raise ValueError(f"it ties node {main} to itself")
     if kind == "BEAM":
         return [RigidLink(name, main, [dependent])]
     directions = DIRECTIONS if kind == "TIE" else DIRECTIONS[:3]
@@ -490,7 +497,7 @@ def _read_rigid_body(deck: _AssemblyContext, scope: PartData, block: KeywordBloc
     for directions, labels in ((None, tied), (DIRECTIONS[:3], pinned)):
         dependents = [node for node in dict.fromkeys(labels) if node != main]
         ties += [RigidLink(f"rigid body {main}", main, dependents, directions)] if dependents else []
-    return [("", DeckPart("RIGID BODY", 1, ties=tuple(ties)))]
+    return [("" if ties else "it has no nodes but its reference node", DeckPart("RIGID BODY", 1, ties=tuple(ties)))]
 
 
 def _named_nodes(deck: _AssemblyContext, scope: PartData, name: str) -> list[int]:
@@ -703,6 +710,8 @@ def _follow_rigidly(
     if block.options.get("ORIENTATION"):
         return "its directions have an orientation", DeckPart(kind, 1)
     dependents = [node for node in dict.fromkeys(nodes) if node != main]
+    if not dependents:
+        return "it has no nodes but its reference node", DeckPart(kind, 1)
     name = f"{kind.lower()} {main}"
     if set(components) == set(range(6)):
         return "", DeckPart(kind, 1, ties=(RigidLink(name, main, dependents),))
