@@ -61,6 +61,17 @@ def test_points_that_only_rounding_keeps_off_a_line_make_no_axes(bulk, keywords)
             keywords(f"*NSET, NSET=N\n4\n*TRANSFORM, NSET=N, TYPE={kind}\n{points}")
 
 
+def test_a_system_of_points_on_a_line_is_refused_and_another_has_its_axes(tmp_path):
+    path = tmp_path / "a.inp"
+    path.write_text(f"*SYSTEM\n0., 0., 0., 0.1, 0.2, 0.3\n0.3, 0.6, 0.9\n{PANEL}")
+    with pytest.raises(FileError, match="the points of the system lie on a line"):
+        read_mesh(path)
+    path.write_text(f"*SYSTEM\n0., 0., 0., 1., 1., 0.\n1., 1., 5.\n{PANEL}")
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(read_mesh(path).nodes[2], [half, half, 0.0], atol=1e-15)
+    np.testing.assert_allclose(read_mesh(path).nodes[3], [half, half, 1.0], atol=1e-15)
+
+
 def test_directions_of_transforms_are_those_of_their_points(keywords):
     turned = keywords("*NSET, NSET=N\n2\n*TRANSFORM, NSET=N, TYPE=R\n0., 2., 0., -3., 1., 0.")
     np.testing.assert_allclose(turned.displacement_axes[2], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-15)

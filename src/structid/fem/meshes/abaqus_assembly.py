@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.fem.meshes.abaqus_keywords import KeywordBlock, numbers_of
-from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points, rectangular
+from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_from_x, axes_of_points, rectangular
 
 #: Sets of labels by name in capitals.
 Sets = dict[str, set[int]]
@@ -271,8 +271,7 @@ def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
     on_x = np.array([*lines[0][3:6], 0.0, 0.0, 0.0][:3]) if any(rows[0][3:6]) else origin + np.array([1.0, 0.0, 0.0])
     if len(lines) > 1:
         in_xy = np.array([*lines[1], 0.0, 0.0, 0.0][:3])
-        # z is x cross (c - a), so that the half plane of z and x is that of this point
-        axes = axes_of_points(origin, origin + np.cross(on_x - origin, in_xy - origin), on_x)
+        axes = axes_from_x(origin, on_x, in_xy)
     else:
         flat = (on_x - origin) * np.array([1.0, 1.0, 0.0])
         axes = axes_of_points(origin, origin + np.array([0.0, 0.0, 1.0]), origin + flat)

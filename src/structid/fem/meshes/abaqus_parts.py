@@ -26,7 +26,7 @@ from structid.fem.meshes.averages import (
     solved_constraints,
     solved_for_first,
 )
-from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points
+from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_from_x, axes_of_points
 from structid.fem.meshes.deck_parts import (
     DeckPart,
     DeckSpring,
@@ -212,8 +212,7 @@ def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> F
     line `position` must not lie. All points are (3,), in one unit.
     """
     if form == "R":
-        axes = axes_of_points(np.zeros(3), a, b)
-        directions = None if axes is None else axes[[2, 0, 1]]
+        directions = axes_from_x(np.zeros(3), a, b)
     elif form == "C":
         reference = np.eye(3)[int(np.argmin(abs(b - a)))]
         axes = axes_of_points(a, b, a + reference)

@@ -71,6 +71,15 @@ def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> F
     return directions
 
 
+def axes_from_x(origin: FloatArray, on_x: FloatArray, in_xy: FloatArray) -> FloatArray | None:
+    """Axes x, y, z as rows (3, 3) of a system given by its origin, a point on x, and one in the half plane of x and y.
+
+    None if the points (3,) lie on a line, as in `axes_of_points`.
+    """
+    axes = axes_of_points(origin, on_x, in_xy)
+    return None if axes is None else axes[[2, 0, 1]]
+
+
 def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
     """Rectangular coordinates (n, 3) from `coordinates` (n, 3) in the form R, C or S; angles are in degrees.
 
