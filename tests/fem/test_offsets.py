@@ -238,7 +238,7 @@ def test_beams_of_calculix_stand_in_widths_off_their_nodes(tmp_path):
     [found] = read(tmp_path, cards.replace("0, 1, 0", ", 1"), ".inp", head).parts  # blank words are 0
     assert found.offsets[0].arms == pytest.approx(np.tile([0, -0.1, -0.1], (1, 2, 1)))
     [found] = read(tmp_path, cards.replace("0, 1, 0", "1, 0, 0"), ".inp", head).parts
-    assert found.obstacle == "its local direction 1 is along its axis"
+    assert found.obstacle == "its local direction 1 is along its axis, or one of them has no length"
     [found] = read(tmp_path, cards.replace("RECT", "PIPE"), ".inp", head).parts
     assert found.obstacle == "its section PIPE has no width"
 
