@@ -145,6 +145,11 @@ def test_a_reference_node_that_the_solver_moves_is_said(tmp_path):
     assert moved.obstacle == "its reference node is moved to the centre of mass"
 
 
+def test_coordinates_may_have_exponents_of_fortran(tmp_path):
+    mesh = read(tmp_path, PANEL.replace("2,1.,0,0", "2,2.5D+00,1.0d-1,"))
+    assert mesh.nodes[2].tolist() == [2.5, 0.1, 0.0]
+
+
 def test_names_in_quotes_are_found_with_their_instance(tmp_path):
     text = ASSEMBLY.format('*NSET,NSET=N\n"P-2".2,\n"P-1.3"\n').replace("NAME=P-2", 'NAME="P-2"')
     assert read(tmp_path, text).group_nodes("N").tolist() == [3, 12]

@@ -113,7 +113,7 @@ class PartData:
         for label in labels:
             if label in self.nodes:
                 raise ValueError(f"node {label} stands twice, as it does where a file has several parts")
-        coordinates = np.array([[float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]] for row in rows]).reshape(-1, 3)
+        coordinates = np.array([numbers_of(row[1:], 3) for row in rows]).reshape(-1, 3)
         form = system_form(options.get("SYSTEM", ""))
         if form not in ("R", "C"):
             raise ValueError(

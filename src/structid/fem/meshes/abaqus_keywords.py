@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ _SHORTENED = (
     "DASHPOT", "ROTARY INERTIA", "PART", "INSTANCE", "ASSEMBLY", "INCLUDE", "KINEMATIC", "DISTRIBUTING",
 )  # fmt: skip
 _FEWEST_LETTERS = 3
+_FORTRAN = re.compile(r"[dD](?=[-+]?\d+$)")
 #: Keywords of several words, by their letters: CalculiX takes them without blanks too.
 _IN_WORDS = {
     name.replace(" ", ""): name
@@ -154,8 +156,8 @@ def _included_lines(
 
 
 def number_of(word: str) -> float:
-    """The number `word`; `ValueError` unless it is a finite one."""
-    value = float(word)
+    """The number `word`, whose exponent may begin with D; `ValueError` unless it is a finite one."""
+    value = float(_FORTRAN.sub("e", word))
     if not math.isfinite(value) or "_" in word:  # Python reads 1_000
         raise ValueError(f"{word!r} is no finite number")
     return value
