@@ -178,6 +178,15 @@ def test_refused_with_numbers(settings, word):
         prepare(noise(), Preparation(**settings))
 
 
+@pytest.mark.parametrize("seconds", [5.33, 5.35, 6.5])
+def test_a_record_that_decimation_leaves_too_few_samples_of_is_refused(seconds):
+    """The filter takes 5.3 s: what is left counts at the new rate."""
+    values = np.random.default_rng(0).standard_normal((round(1000 * seconds), 1))
+    short = TimeRecord(1000.0, values, ["1X"], ["acceleration"])
+    with pytest.raises(InputError, match="too short for a filter of"):
+        prepare(short, Preparation(sampling_rate=10.0))
+
+
 @pytest.mark.parametrize(
     "settings",
     [

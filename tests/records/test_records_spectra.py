@@ -21,6 +21,13 @@ def system(frequency):
     return signal.freqz(NUMERATOR, DENOMINATOR, 2 * np.pi * frequency / RATE)[1]
 
 
+def test_the_motion_where_the_force_acts_is_an_output_by_default(rng):
+    x, y, z = rng.normal(size=(3, 512))
+    channels, quantities = ("3Y", "3Y", "5Y"), ("force", "acceleration", "acceleration")
+    frf = frf_from_time(record(x, y, z, channels=channels, quantities=quantities), segment_length=64)
+    assert [str(dof) for dof in (*frf.inputs, *frf.outputs)] == ["3Y+", "3Y+", "5Y+"]
+
+
 @pytest.mark.parametrize("estimator", ["H1", "H2", "Hv"])
 def test_periodic_input_is_exact(rng, estimator):
     """A period of steady state in a boxcar segment has no leakage: every estimator is exact to rounding."""

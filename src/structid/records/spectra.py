@@ -72,7 +72,7 @@ def frf_from_time(
         or where there is none all supports that move.
     outputs : iterable of str or Dof
         Motion channels. Displacements, velocities and accelerations side by side become one kind, by powers of i omega.
-        All channels of motion that are no inputs by default.
+        All channels of motion by default, those where a force acts too; no accelerations of supports that drive.
     estimator : {"H1", "H2", "Hv"}
         H1 and Hv take any number of inputs, H2 one.
     segment_length : int, optional
@@ -171,15 +171,16 @@ def _loads_and_sensors(
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
     """`inputs` and `outputs` of FRFs as named, or where empty by the quantities of the record's channels.
 
-    Loads are then all forces, or all support accelerations if there are no forces; sensors are all channels that are neither
-    forces nor loads.
+    Loads are then all forces, or all support accelerations if there are no forces; sensors are all other channels than
+    forces and loads, also where a force acts.
     """
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = (
         [dof for dof, quantity_of in pairs if quantity_of == name] for name in ("force", "support_acceleration")
     )
     loads = inputs or tuple(forces or supports)
-    moving = (dof for dof, quantity in pairs if quantity != "force" and dof not in loads)
+    driving = {(dof, name) for dof in loads for name in ("force", "support_acceleration")}
+    moving = (dof for dof, quantity in pairs if quantity != "force" and (dof, quantity) not in driving)
     return loads, outputs or tuple(dict.fromkeys(moving))
 
 
