@@ -548,9 +548,9 @@ def pair_modes(
 
 
 def _group_close_modes(frequency: FloatArray, modes: list[int], closeness: float) -> list[list[int]]:
-    """Groups of the mode indices in `modes`, split where neighbouring frequencies differ by more than `closeness` (relative).
+    """Groups of the mode indices in `modes`, split at gaps above the part `closeness` of the higher frequency.
 
-    `frequency` (n_modes,) is ascending, in Hz. A mode without close neighbours is a group of its own.
+    `frequency` (n_modes,), in Hz, and `modes` are ascending. A mode without close neighbours is a group of its own.
     """
     groups: list[list[int]] = []
     for k in modes:

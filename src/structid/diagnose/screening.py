@@ -318,8 +318,8 @@ def shortlist_candidates(
 
     A candidate counts at a point if it lowers the misfit there by more than 2 %; exchanged channels and gains that the
     initial model shows, and channels with most of the misfit, count in any case. The best of each point and kind come
-    first, by the largest part of the misfit that they remove at any point (for modes by `_by_modes`); at most 38 are
-    taken.
+    first, by the largest part of the misfit that they remove at any point; others follow for modes alone (by `_by_modes`).
+    At most 38 are taken.
 
     Parameters
     ----------

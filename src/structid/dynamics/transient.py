@@ -265,7 +265,8 @@ def free_decay(
 ) -> FreeDecay:
     """Free motion of modes that are damped less than critically, in closed form.
 
-    q(t) = exp(-s t) (q0 cos(wd t) + (q1 + s q0) sin(wd t) / wd), with s = zeta w and wd = w sqrt(1 - zeta^2).
+    q(t) = exp(-s t) (q0 cos(wd t) + (q1 + s q0) sin(wd t) / wd), with s = zeta w and wd = w sqrt(1 - zeta^2). Nothing
+    is checked: the motion of a damping ratio above 1 is NaN.
 
     Parameters
     ----------

@@ -581,12 +581,10 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
 
 
 def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
-    """`FreeMotion` of one record, with matrices in the order of `channels`, weighted for time averages by the `rule`.
+    """`FreeMotion` of one record: samples (n_rows, n_channels) at `channels`, and weights by `rule`.
 
-    `quantities` are the motion and the one that holds its first or second derivative (with its sign changed); with one
-    name the second derivative is taken by differences, and the first and last sample drop out. `rule` is that of
-    `sample_weights`. `ends` are the boundary terms [ydot y'], not yet over the duration; 0 unless a first derivative is
-    measured.
+    `quantities` are the motion and its first or (sign changed) second derivative; one alone: by differences, of equal
+    weights, without first and last sample. `ends` [ydot y'] are not over the duration; 0 unless of a first derivative.
     """
     base, *measured = (_columns(record, channels, quantity) for quantity in quantities)
     step, inner, no_ends = 1 / record.sampling_rate, base[1:-1], np.zeros((len(channels),) * 2)

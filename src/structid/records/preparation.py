@@ -322,10 +322,10 @@ def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> Ti
 
 
 def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
-    """`record` at `wanted.sampling_rate` in Hz, unchanged if None or equal. A sentence is appended to `steps`.
+    """`record` at `wanted.sampling_rate` in Hz, unchanged if None or equal; else a sentence is appended to `steps`.
 
-    An anti-alias filter goes first, which also lowers the noise variance. Raises `InputError` if the rates are in no
-    ratio of whole numbers up to 1000, the new one is higher, or the filter is longer than the record.
+    An anti-alias filter lowers the noise variance and costs half its length at either end, unless edges are kept.
+    `InputError` if rates are in no ratio of whole numbers up to 1000, the new one is higher, the record too short.
     """
     if wanted.sampling_rate is None:
         return record

@@ -208,9 +208,9 @@ def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity |
 
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
-    """Column index in `record` of the channel with each of `dofs` and its entry of `quantities`.
+    """Column index in `record.values` of the channel, load or motion, with each of `dofs` and its quantity.
 
-    `InputError` if one is missing, or `dofs` is empty.
+    `quantities` has an entry for each. `InputError` if one is missing, or `dofs`, taken for the inputs, is empty.
     """
     if not dofs:
         raise InputError(
@@ -343,10 +343,9 @@ def require_repeated(records: Sequence[TimeRecord]) -> None:
 
 
 def require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
-    """Raise `InputError` if repeats differ in channels or rate, or cannot be cut into segments of equal length.
+    """Raise `InputError` if repeats are none, differ in channels or rate, or need a `segment_length` and have None.
 
-    `segment_length`, in samples, may be None only for several records of the same length. There must be one record at
-    least.
+    One record needs it (in samples), and so do records of different lengths. Whether it fits them is not checked.
     """
     if not records:
         raise InputError("`records` must hold at least one time record, got none")

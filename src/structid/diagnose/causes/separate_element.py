@@ -169,9 +169,8 @@ class DifferingElement(Differing):
 def _separation(model: TestedModel, differing: DifferingProperty, start_factor: float) -> SeparateElement:
     """Edit that gives the property of an element or set a separate parameter; `differing` names set and property.
 
-    The parameter is a factor on the nominal values that starts at `start_factor`, or follows the one that `differing`
-    names. The edit holds the nominal values of every set of `model` with the property, and the largest number of
-    elements of the set.
+    It is a factor on nominal values that starts at `start_factor`, or follows the one that `differing` names. The edit
+    has the nominal values of every set with the property, and for an element the size of its set (1 for a whole set).
     """
     where, prop, follows = differing
     nominal: dict[str, tuple[float, ...]] = {}

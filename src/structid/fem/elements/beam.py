@@ -349,8 +349,8 @@ class Bar(ElementSet):
     def matrices(self, positions: NodeCoordinates, used_codes: IntArray) -> Matrices:
         """Element matrices for a unit value of mass, axial stiffness and, if stated, axial force, by property.
 
-        `positions` are node coordinates in m by label; `used_codes` (degrees of freedom of other elements) are not
-        needed. Raises `InputError` for an axial force of bars on a line.
+        `positions` are node coordinates in m by label; `used_codes` (of other elements) are not needed. Raises
+        `InputError` for an axial force of nodes with one coordinate, which cannot move sideways.
         """
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]

@@ -315,12 +315,10 @@ def _read_rotary_inertias(deck: _AssemblyContext, scope: PartData, block: Keywor
 
 
 def _read_springs(deck: _AssemblyContext, scope: PartData, block: KeywordBlock) -> ObstaclesAndParts:
-    """Pairs (obstacle, part) of a *SPRING or *DASHPOT block: one for each element of its set.
+    """Pairs (obstacle or "", part in any case) of a *SPRING or *DASHPOT block: one for each element of its set.
 
-    Obstacles ("" if none) are values that are nonlinear, complex or tabled, an orientation, a turned instance, and
-    nodes at one place. Types ending in 1 act between a node and the ground, in 2 between two degrees of freedom, in A
-    along the line of two nodes. Names are looked up in `scope` of `deck`, where the block stands. Raises `ValueError`
-    if there is no such set.
+    Obstacles: values nonlinear, complex or tabled; orientation; turned instance; nodes at one place; a component
+    joined to itself. Types end in 1 (ground), 2 (two freedoms), A (along a line). `ValueError` if there is no set.
     """
     name = block.options.get("ELSET", "")
     rows = [row for row in block.rows if any(row)]

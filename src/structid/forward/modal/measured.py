@@ -135,12 +135,10 @@ class MeasuredModes:
 
     @cached_property
     def shape_std(self) -> FloatArray:
-        """Standard deviation of every entry of `shapes`, (n_channels, n_modes), for shapes whose scale is free.
+        """Standard deviation of every entry of `shapes` (largest of size 1), (n_channels, n_modes), of free scale.
 
-        Its unit is that of `shapes`. Recorded and assumed (`shape_error`) errors add in quadrature; where the record
-        gives joint variations of its values, those recorded count by their mean square over a mode. In the form ``mac``
-        it is `shape_error` times the norm of the shape, so that a mode's part of the misfit is (1 - MAC) /
-        `shape_error`^2. A mode with a single known entry has 1 instead of 0.
+        Recorded ones (with joint variations, their rms over a mode) and `shape_error` add in quadrature; 1 instead of 0
+        or NaN in a mode with one known entry. In the form ``mac`` it is `shape_error` times the norm of the shape.
         """
         if self.settings.shape_form == "mac":
             size = np.sqrt(np.nansum(self.shapes**2, axis=0))

@@ -97,6 +97,9 @@ def judge_innovations(
 ) -> InnovationVerdict:
     """Verdict on the innovations of a record, compared with those of `replicates`, records simulated by plausible models.
 
+    It says whether they contradict the model, and has a sentence on the first thing found, be it a contradiction, a doubt or a
+    note; "" if nothing is.
+
     There are two replicates or more, of as many samples and of the same directions. Unforced directions contradict the model if
     their innovations are larger by 20 %, or are correlated in time; open ones among them only if they are clearly correlated.
     Between 1.2 and 2.5 times the size is a doubt in their stead where the uncertainty of the model may make the excess:

@@ -55,10 +55,10 @@ def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple
 
 
 def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[FittedModel]) -> Diagnosis:
-    """The diagnosis with, for each refitted cause, the path of a suggested study file and the lines that differ.
+    """The diagnosis with, for each refitted cause, the path of a study file to suggest and the lines that differ.
 
-    `fits` are the refits of the causes that have one, in their order; if the diagnosis has no causes, they are those of
-    its suggested changes. A cause is unchanged if the study file cannot hold its change.
+    Nothing is written (see `write_suggestions`); paths are in the results folder. `fits` are refits of the causes, or
+    without any of the suggested changes, that have one, in order. A change that no file can hold gets no path.
     """
     changes = iter(fits)
     number = 0

@@ -43,8 +43,9 @@ _TUNE = "tune"
 def use_facts(folder: Path) -> dict[str, StoredEntry]:
     """Names and options that the page offers for predictions and exports of an identified model, from its results folder.
 
-    Degrees of freedom, nodes, supports, element outputs and properties, each at most 1500; element sets; channels and kind of
-    the measured FRFs; the band (Hz); and ``offers``, the kinds of export.
+    Keys are ``dofs``, ``nodes``, ``supports``, ``element_outputs`` and ``properties``, at most 1500 each; ``sets``; of
+    the measured FRFs ``outputs`` and ``inputs`` (empty without), and ``kind`` (else accelerance); ``band`` in Hz; and
+    ``offers``, the kinds of export.
 
     Raises
     ------

@@ -372,7 +372,8 @@ def _complete_triangle(imported: ImportedMatrix) -> ImportedMatrix:
 def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
     """Element labels from `entries`, numbers and ranges such as ``"3-8"``, ends included.
 
-    Raises `InputError` for a range that falls or spans more than 20 million labels.
+    Raises `InputError` for a range that falls or spans more than 20 million labels. The schema has checked the form of
+    texts: another one fails an assertion.
     """
     labels: set[int] = set()
     for entry in as_list(entries):
