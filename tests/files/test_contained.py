@@ -93,6 +93,22 @@ def test_a_mistake_of_a_reader_is_no_damage_of_a_file(tmp_path, monkeypatch):
         module.end()
 
 
+def test_texts_where_numbers_belong_are_damage_of_the_file(tmp_path):
+    """NumPy's compiled code raises on them in a line of the reader."""
+    texts = np.zeros(4, [("real", "S4"), ("imag", "S4")])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"] = texts
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file["a"] = texts
+        file["a"].attrs["MATLAB_class"] = np.bytes_("double")
+    with (tmp_path / "b.mat").open("r+b") as opened:
+        opened.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    with pytest.raises(FileError, match=r"a\.h5: is damaged, cut short or not HDF5"):
+        hdf5_fields(tmp_path / "a.h5", ["a"])
+    with pytest.raises(FileError, match=r"b\.mat: "):
+        read_record(tmp_path / "b.mat", BARE)
+
+
 def test_a_child_that_others_have_left_damaged_is_no_reason_to_refuse_a_file(strange):
     assert strange("good") == ["good", 0]
     assert strange("second.h5") == ["second.h5", 0]

@@ -380,8 +380,11 @@ def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
 
 
 def _is_slip(error: Exception) -> bool:
-    """True if a reader of this package itself raised an `error` that no content of a file explains."""
-    if not isinstance(error, AttributeError | NameError | TypeError | AssertionError):
+    """True if a reader of this package itself raised an `error` that no content of a file explains.
+
+    A `TypeError` is none: compiled code, which leaves no frame, raises it on the contents of a file.
+    """
+    if not isinstance(error, AttributeError | NameError | AssertionError):
         return False
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
