@@ -187,6 +187,15 @@ def test_a_record_that_decimation_leaves_too_few_samples_of_is_refused(seconds):
         prepare(short, Preparation(sampling_rate=10.0))
 
 
+def test_kept_edges_count_among_the_samples_that_decimation_leaves():
+    """The filter takes 5.3 s: the record must be longer, no more."""
+    values = np.random.default_rng(0).standard_normal((6000, 1))
+    kept = Preparation(sampling_rate=10.0, edges="keep")
+    assert len(prepare(TimeRecord(1000.0, values, ["1X"], ["acceleration"]), kept).record.values) == 60
+    with pytest.raises(InputError, match=r"too short for a filter of .* leaves 16 samples at 10 Hz"):
+        prepare(TimeRecord(1000.0, values[:5000], ["1X"], ["acceleration"]), kept)
+
+
 @pytest.mark.parametrize(
     "settings",
     [

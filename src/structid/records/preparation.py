@@ -142,7 +142,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     ------
     InputError
         If a channel is not there, the interval is empty, the sampling rate is too low for the band, the rates are in no
-        ratio of whole numbers, or a filter is longer than the record.
+        ratio of whole numbers, or a filter is longer than the record or leaves fewer than 16 samples.
 
     Notes
     -----
@@ -334,7 +334,7 @@ def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
         return record
     new_rate = record.sampling_rate * ratio.numerator / ratio.denominator
     fir = decimation_filter(record.sampling_rate, ratio)
-    _require_longer(record, fir, new_rate)
+    _require_longer(record, fir, new_rate, wanted)
     values, dropped = decimate(record.values, ratio, fir, wanted.edges == "keep")
     factor = f"{ratio.denominator}" + (f"/{ratio.numerator}" if ratio.numerator > 1 else "")
     steps.append(
@@ -372,14 +372,14 @@ def _remove_tones(
 def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]) -> TimeRecord:
     """`record` filtered to `wanted.band` in Hz, unchanged if None or open at both ends.
 
-    A sentence is appended to `steps` and a note on damping and edges to `findings`. `InputError` if the filter is longer than
-    the record.
+    A sentence is appended to `steps` and a note on damping and edges to `findings`. `InputError` if the record is too
+    short for the filter.
     """
     if wanted.band is None or wanted.band == (None, None):
         return record
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
     fir = band_filter(low, high, record.sampling_rate)
-    _require_longer(record, fir, record.sampling_rate)
+    _require_longer(record, fir, record.sampling_rate, wanted)
     values, dropped = _filter_without_delay(record.values, fir, wanted.edges == "keep")
     ends = [f"{f:g}" for f in wanted.band if f is not None]
     what = "band-pass" if len(ends) == 2 else "high-pass" if wanted.band[0] is not None else "low-pass"
@@ -407,13 +407,18 @@ def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], find
     return replace(record, values=values, start=record.start + dropped / record.sampling_rate, variance=variance)
 
 
-def _require_longer(record: TimeRecord, fir: _Fir, new_rate: float) -> None:
-    """Raise `InputError` if a filter leaves fewer than 16 samples at `new_rate`, in Hz, of the record."""
+def _require_longer(record: TimeRecord, fir: _Fir, new_rate: float, wanted: Preparation) -> None:
+    """Raise `InputError` if a filter is longer than the record, or leaves fewer than 16 samples at `new_rate`, in Hz.
+
+    Edges that are kept count among what it leaves.
+    """
     duration, span = (len(record.values) - 1) / record.sampling_rate, 2 * fir.half / fir.rate
-    if duration - span < _LEAST / new_rate:
+    left = duration - (0.0 if wanted.edges == "keep" else span)
+    if duration < span or left < _LEAST / new_rate:
         raise InputError(
-            f"the record of {duration:.4g} s is too short for a filter of {len(fir.taps)} taps ({span:.4g} s); measure longer, "
-            "raise the lower end of `band` or leave it open (`detrend` takes off a drift), or raise `sampling_rate`"
+            f"the record of {duration:.4g} s is too short for a filter of {len(fir.taps)} taps ({span:.4g} s) that leaves "
+            f"{_LEAST} samples at {new_rate:g} Hz; measure longer, raise the lower end of `band` or leave it open "
+            "(`detrend` takes off a drift), or raise `sampling_rate`"
         )
 
 
