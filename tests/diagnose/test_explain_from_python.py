@@ -65,6 +65,19 @@ def test_the_cause_is_named_without_a_study(clamped):
     assert first.words in str(diagnosis)
 
 
+def test_a_force_of_either_sign_near_zero_is_not_called_weakly_determined():
+    parts = [[k, k + 1] for k in range(4)]
+    slack = sid.Beam("rail", parts, mass=2.0, bending_stiffness=40.0, loss_factor=0.02, axial_force=0.3)
+    model = sid.Structure(NODES, [slack], ["0Y", "0RZ"])
+    unknown = sid.parameters(model, [sid.Unknown("axial_force", "rail", positive=False)])
+    lines = sid.FrfRecord(FREQUENCY, np.ones((len(FREQUENCY), 3, 1)), ["1Y", "2Y", "4Y"], ["2Y"], "receptance")
+    truth = beam(["0Y", "0RZ"])
+    record = simulated_record(truth, sid.parameters(truth, []), lines, 0.01, np.random.default_rng(3))
+    found = sid.identify(model, unknown, record, sid.IdentifyOptions(restarts=0, tolerances=EXACT))
+    assert abs(found.estimate.values[0]) < 1
+    assert str(found).splitlines()[0].endswith("the data determine every parameter.")
+
+
 @pytest.mark.parametrize("stated", [10.0, 300.0])
 def test_a_tension_is_named_where_beams_are_drawn_on_a_line(stated):
     """A small one and one of three quarters of the Euler load: resonances move by one and by many of their widths."""

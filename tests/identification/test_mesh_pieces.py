@@ -205,6 +205,41 @@ def test_the_mesh_of_a_model_that_is_wrong_on_any_mesh_is_judged_by_the_deviatio
     assert judged[1].moved == in_noise[1].moved > 0.2
 
 
+@pytest.mark.parametrize(
+    ("drawn", "noise", "fault", "makes_misfit"),
+    [(7, 0.01, "", True), (7, 0.02, "crate", False), (8, 0.01, "stiffer", False)],
+)
+def test_finer_pieces_are_chosen_where_they_take_most_of_a_misfit(record, drawn, noise, fault, makes_misfit):
+    """The mesh moves no loss factor. Pieces stay where a mass of 5 g is missing, and where a record fits the drawn ones."""
+    crate = [sid.PointMass("crate", [1], 0.005)] if fault == "crate" else []
+    bending, pieces = (BENDING * (1 + 2.5e-4), drawn) if fault == "stiffer" else (BENDING, 64)
+    fine = cantilever(bending, HOLD, pieces)
+    truth = sid.Structure(fine.nodes, [*fine.elements, *crate], ["0Y"], subdivide=pieces)
+    measured = sid.simulated_record(truth, sid.parameters(truth, []), record, noise, np.random.default_rng(3))
+    options = IdentifyOptions(band=(1.0, 60.0), tolerances=EXACT)
+
+    def identified(count):
+        structure = cantilever(BENDING, HOLD, count)
+        setup = sid.Setup(structure, sid.parameters(structure, [sid.Unknown("loss_factor", "beam")]), measured)
+        return setup, sid.identify_together([setup], options)
+
+    setup, found = identified(drawn)
+    mesh = judge_pieces([setup], found, options, drawn)
+    assert mesh.moved < 0.2
+    assert mesh.makes_misfit is makes_misfit
+    assert mesh.is_enough is not makes_misfit
+    before, after = (one.estimate.goodness for one in (found, identified(drawn + drawn // 2)[1]))
+    beyond = before.chi_square * (1 - 1 / before.misfit)
+    assert (before.chi_square - after.chi_square > 0.5 * beyond) is makes_misfit
+    if makes_misfit:
+        assert mesh.needed == drawn + drawn // 2
+        assert mesh.warning.startswith("the mesh makes a misfit beyond noise, though it moves no value: write ")
+
+
+def test_no_more_than_32_pieces_are_wanted():
+    assert MeshPieces(24, 0.1, makes_misfit=True).needed == 32
+
+
 def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     study = written(tmp_path, record)
     done = CliRunner().invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "out")])

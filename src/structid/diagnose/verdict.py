@@ -44,7 +44,7 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.identified import Identification
 from structid.identification.record_fit import LEAST_DAMPING, RecordFit
 from structid.identification.warning_words import is_gone, ran_away_words
-from structid.inversion import Estimate, Status
+from structid.inversion import Status
 from structid.inversion.fixed_values import limit_of
 from structid.inversion.search.work import SERIAL, TaskExecutor
 
@@ -528,18 +528,17 @@ def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
     return Judgement("approximate", words, change_words)
 
 
-def _weak_words(estimate: Estimate) -> str:
+def _weak_words(identification: Identification) -> str:
     """Exception for the parameters that the data determine weakly: ``" but mass[deck] (to ± 80 %)"``; "" if there are none.
 
-    Parameters at a bound do not count.
+    Parameters at a bound do not count, nor those that may be negative: near 0 a percentage says nothing.
     """
+    estimate, lower = identification.estimate, identification.intervals.ends[:, 0]
     at_bound = {bound.index for bound in estimate.spread.at_bound}
-    weak = [index for index in np.flatnonzero(estimate.weakly_determined).tolist() if index not in at_bound]
     named = [
-        f"{estimate.names[index]} (to ± {100 * abs(estimate.std[index] / estimate.values[index]):.2g} %)"
-        if estimate.values[index]
-        else estimate.names[index]
-        for index in weak
+        f"{estimate.names[index]} (to ± {100 * estimate.std[index] / estimate.values[index]:.2g} %)"
+        for index in np.flatnonzero(estimate.weakly_determined & ~(lower < 0) & (estimate.values > 0)).tolist()
+        if index not in at_bound
     ]
     return f" but {join_words(named, 3)}" if named else ""
 
@@ -589,10 +588,10 @@ def _judged(
         if rank < n_free and estimate.uncertainty.has_matrix:
             words = (
                 "Sound: the model explains the record to within its noise, and data and regularization together determine every"
-                f" parameter (the data alone {rank} of {n_free} combinations)."
+                f" parameter{_weak_words(identification)} (the data alone {rank} of {n_free} combinations)."
             )
             return Judgement("sound", words)
-        words = f"{words} {'other ' if at_bound else ''}parameter{_weak_words(estimate)}{f'; {at_bound}' if at_bound else ''}."
+        words += f"{' other' if at_bound else ''} parameter{_weak_words(identification)}{f'; {at_bound}' if at_bound else ''}."
         if estimate.goodness.degrees_of_freedom < FEW_FREEDOMS:
             counted = estimate.goodness.n_values or estimate.goodness.n_data
             values, parameters = plural(counted, "value"), plural(len(estimate.names), "parameter")

@@ -32,8 +32,8 @@ _MOST_STEPS, _FOLLOWED = 4, 0.2
 _FARTHEST = 2.0
 #: Chi-square, in parts of what is expected, beyond which a model is wrong whatever its mesh, and part of it that the mesh may be.
 _WRONG, _MESH_PART = 9.0, 0.01
-#: Chi-square, in parts of what is expected, from which on finer pieces are chosen where they change the fit by this part of
-#: what is beyond noise.
+#: Chi-square, in parts of what is expected, from which on finer pieces are chosen where they take away this part of what is
+#: beyond noise.
 _BEYOND_NOISE, _MOST_OF_IT = 1.1, 0.5
 #: Standard deviations beyond which the size of a shift says nothing more.
 _MOST_TOLD = 100
@@ -65,7 +65,7 @@ class MeshPieces:
     finer_minimum : mapping of str to float
         Free variables of the minimum with pieces half as long, by name; empty where it was not looked for, or not found.
     makes_misfit : bool
-        Whether pieces half as long may explain most of a misfit that is beyond noise, but not far.
+        Whether the mesh moves no value, but pieces half as long may explain most of a misfit that is beyond noise.
     """
 
     count: int
@@ -86,12 +86,14 @@ class MeshPieces:
 
         It is doubled until the mesh is estimated to move values by `_AIMED`, once where the minimum was not found, since the
         shift is then a guess. Where the mesh makes a misfit but moves no value, half as many are added, which leaves a
-        twenty-fifth of that misfit. It is at most `MOST_PIECES`, but always more than `count`.
+        tenth of that misfit of beams or less. It is at most `MOST_PIECES`, but always more than `count`.
         """
         if self.moved < MOVED:
-            return self.count + max(self.count // 2, 1)
-        doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.finer_minimum else 1
-        return max(min(self.count * 2 ** max(doublings, 1), MOST_PIECES), self.count + 1)
+            wanted = self.count + self.count // 2
+        else:
+            doublings = int(np.ceil(np.log2(self.moved / _AIMED) / _ORDER)) if self.finer_minimum else 1
+            wanted = self.count * 2 ** max(doublings, 1)
+        return max(min(wanted, MOST_PIECES), self.count + 1)
 
     @property
     def warning(self) -> str:
@@ -167,8 +169,8 @@ def judge_pieces(
     moved = float(deviations.max())
     far = [i for i in np.argsort(-deviations, kind="stable") if deviations[i] >= MOVED]
     shifts = [f"{problem.names[i]} by {_told(float(deviations[i]))}" for i in far]
-    makes_misfit = _makes_misfit(setups, identification, misfit_change)
-    if makes_misfit and moved < MOVED:
+    makes_misfit = moved < MOVED and _makes_misfit(setups, identification, misfit_change)
+    if makes_misfit:
         finer_minimum = dict(zip(problem.names, (theta + np.nan_to_num(step)).tolist(), strict=True))
     is_finest = (moved >= MOVED or makes_misfit) and count >= MOST_PIECES
     obstacle = "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
@@ -302,8 +304,9 @@ def _is_wrong_on_any_mesh(
 def _makes_misfit(setups: Sequence[AnySetup], identification: Identification, misfit_change: FloatArray) -> bool:
     """True if a finer mesh may explain most of a misfit that is beyond noise, but not far.
 
-    `misfit_change` (n_data,) is the change of the data rows with the finer mesh. What parameters, and fixed values within
-    their tolerances, do not take up of it is compared with the misfit beyond noise: sums of squares, to first order.
+    `misfit_change` (n_data,) is the change of the data rows with the finer mesh. To first order, with parameters and
+    fixed values (within their tolerances) free, it takes away half of the misfit beyond noise; or what is left of it is
+    larger than the whole residual, so that the first order tells nothing.
     """
     estimate, goodness = identification.estimate, identification.estimate.goodness
     if identification.target is None or not _BEYOND_NOISE < goodness.misfit < _WRONG:
@@ -314,12 +317,14 @@ def _makes_misfit(setups: Sequence[AnySetup], identification: Identification, mi
         free = dict(zip(estimate.names, fixed.theta.tolist(), strict=True))
         free |= zip((FIXED + name for name in fixed.names), (fixed.asked * fixed.tolerance).tolist(), strict=True)
         theta = np.array([free.get(name, 0.0) for name in problem.names])
-    jacobian = problem.linearize(theta).jacobian
-    change = np.zeros(len(jacobian))
+    linearization = problem.linearize(theta)
+    jacobian, residual = linearization.jacobian, linearization.residual
+    change = np.zeros(len(residual))
     change[: len(misfit_change)] = misfit_change
-    left = change + jacobian @ np.nan_to_num(shift_of_minimum(jacobian, change))
+    change += jacobian @ np.nan_to_num(shift_of_minimum(jacobian, change))
     beyond = goodness.chi_square_within_tolerances * (1 - 1 / goodness.misfit)
-    return float(left @ left) > max(_MOST_OF_IT * beyond, BETTER)
+    size, gain = float(change @ change), float(-(2 * residual + change) @ change)
+    return gain > max(_MOST_OF_IT * beyond, BETTER) or size > float(residual @ residual)
 
 
 def _followed_shift(

@@ -329,7 +329,10 @@ class Estimate(Shown):
 
     @property
     def weakly_determined(self) -> np.ndarray:
-        """Mask of the parameters whose standard deviation exceeds half their value, (n_params,) bool."""
+        """Mask of the parameters whose standard deviation exceeds half their value, (n_params,) bool.
+
+        A value of either sign near 0 is among them, however small its deviation is.
+        """
         return np.abs(self.std) > _WEAK * np.abs(self.values)
 
     @property

@@ -254,7 +254,7 @@ def _with_mesh_words(result: StudyResult, clauses: Sequence[str], warning: str, 
 
 
 def _with_mesh_warning(ready: PreparedStudy, result: StudyResult) -> StudyResult:
-    """The result, with a warning first if pieces half as long would change a value by 0.2 standard deviations or more.
+    """The result, with a warning first if pieces half as long would change a value by 0.2 deviations, or make the misfit less.
 
     Beams are cut as the study says. The result is unchanged, without a check, where modes alone are compared, no
     element can be cut, or the structure has more than 300 degrees of freedom.
