@@ -97,12 +97,41 @@ def test_motions_are_turned_to_basic_axes_by_the_deck_of_the_run(tmp_path, monke
 def test_a_deck_that_does_not_tell_axes_leaves_the_note(tmp_path, monkeypatch):
     (tmp_path / "a.pch").write_text("any")
     monkeypatch.setattr(outputs, "nastran_modes", lambda path: PrintedModes([_printed()]))
-    others = ("print('a script')\n", BULK.format("GRID,9,,0.,2.,0.,7\n"), BULK.format("PARAM,OUGCORD,7\n" + GRIDS))
-    for text in others:
+    for text in ("print('a script')\n", BULK.format("")):
         (tmp_path / "a.bdf").write_text(text)
         found = ModesOut("a.pch", RunDeck("a.bdf", {})).read(tmp_path)
         assert "taken as basic" in found.notes[0]
         assert found.values[0, 0] == 1.0
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (BULK.format("GRID,9,,0.,2.,0.,7\n"), "has no GRID 4, which a.pch prints; name the deck of that run"),
+        (BULK.format("PARAM,OUGCORD,7\n" + GRIDS), r"asks for motions in system 7 \(PARAM,OUGCORD\); leave it out"),
+        (BULK.format(GRIDS + "INCLUDE 'lost.bdf'\n"), "the included file cannot be read"),
+        (BULK.format(GRIDS.replace(",7\n", ",8\n")), "coordinate system 8 is not in the file"),
+    ],
+)
+def test_a_deck_that_does_not_tell_the_axes_of_its_points_is_refused(tmp_path, monkeypatch, text, words):
+    (tmp_path / "a.pch").write_text("any")
+    (tmp_path / "a.bdf").write_text(text)
+    monkeypatch.setattr(outputs, "nastran_modes", lambda path: PrintedModes([_printed()]))
+    with pytest.raises(FileError, match=words):
+        ModesOut("a.pch", RunDeck("a.bdf", {})).read(tmp_path)
+
+
+@pytest.mark.parametrize("card", ["PARAM,OUGCORD,BASIC", "PARAM*,OUGCORD,BASIC", "PARAM*  OUGCORD         BASIC"])
+def test_motions_in_the_basic_system_are_not_turned_again(tmp_path, monkeypatch, card):
+    """A file that states systems is that of MYSTRAN, which passes over the parameter."""
+    (tmp_path / "a.f06").write_text("any")
+    (tmp_path / "a.bdf").write_text(BULK.format(card + "\n" + GRIDS))
+    for system, first, notes in ((-1, 1.0, 0), (7, -1.0, 1)):
+        modes = PrintedModes([_printed(systems=np.array([system]))])
+        monkeypatch.setattr(outputs, "nastran_modes", lambda path, modes=modes: modes)
+        found = ModesOut("a.f06", RunDeck("a.bdf", {})).read(tmp_path)
+        assert found.values[0, 0] == pytest.approx(first)
+        assert len(found.notes) == notes
 
 
 def test_punched_frfs_are_turned_to_basic_axes(tmp_path):

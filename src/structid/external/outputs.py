@@ -139,15 +139,16 @@ class RunDeck:
     name: str
     linked: Mapping[str, Path]
 
-    def axes(self, folder: Path, path: Path, nodes: IntArray) -> dict[int, FloatArray] | None:
-        """Axes (3, 3), as rows in basic ones, of each of the `nodes` that the file `path` prints along others, by label.
+    def axes(
+        self, folder: Path, path: Path, nodes: IntArray, is_stated: bool = False
+    ) -> dict[int, FloatArray] | None:
+        """Axes (3, 3), as rows in basic ones, of each node whose motion the file `path` prints along others, by label.
 
-        None if this is no bulk data with all of these points.
+        None if there is no GRID, as where the bulk data are elsewhere. `is_stated`: the file states systems itself.
+        `FileError` if the deck is damaged, lacks one of the `nodes` of the file, or asks for motions in a system that is
+        neither the basic one nor those of the points.
         """
-        try:
-            return printed_axes(path, require_readable(folder / self.name), nodes, self.linked)
-        except FileError:
-            return None
+        return printed_axes(path, require_readable(folder / self.name), nodes, self.linked, is_stated)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +204,7 @@ class RunModes:
 
 
 def read_shapes(
-    path: Path, find_axes: Callable[[IntArray], dict[int, FloatArray] | None] = lambda nodes: None
+    path: Path, find_axes: Callable[[IntArray, bool], dict[int, FloatArray] | None] = lambda nodes, is_stated: None
 ) -> RunModes:
     """Frequencies in Hz, ascending, and real mode shapes in a file that a solver wrote, by node and component.
 
@@ -215,7 +216,7 @@ def read_shapes(
         and their imaginary parts left out.
     find_axes : callable, optional
         Axes (3, 3), as rows in basic ones, of each of the nodes given whose motion Nastran prints along others; None if
-        nothing tells them, which is the default.
+        nothing tells them, which is the default. The second argument says whether the file itself states systems.
 
     Raises
     ------
@@ -235,8 +236,8 @@ def read_shapes(
         raise FileError(f"{path}: holds complex modes; let the solver print real ones (SOL 103)")
     require_same_points(path, printed)
     systems, nodes = printed[0].systems, printed[0].nodes
-    known = find_axes(nodes) if suffix in NASTRAN and systems.any() else None
     turned = np.flatnonzero(systems > 0)
+    known = find_axes(nodes, len(turned) > 0) if suffix in NASTRAN and systems.any() else None
     if len(turned) and known is None:
         raise FileError(
             f"{path}: the motion of point {nodes[turned[0]]} is printed in coordinate system"

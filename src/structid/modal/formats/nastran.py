@@ -20,7 +20,7 @@ from structid.modal.formats.punch import punch_modes
 from structid.modal.modal_record import ModalRecord
 
 #: Coordinate system in which a deck wants displacements printed.
-_OUTPUT_SYSTEM = re.compile(rb"^[ \t]*PARAM[\s,]+OUGCORD[\s,]+(\w+)", re.MULTILINE | re.IGNORECASE)
+_OUTPUT_SYSTEM = re.compile(rb"^[ \t]*PARAM\*?[\s,]+OUGCORD[\s,]+(\w+)", re.MULTILINE | re.IGNORECASE)
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
@@ -66,34 +66,39 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
     if options.deck is None:
         return printed_record(path, printed, options)
     deck = require_readable(options.deck)
-    axes = printed_axes(path, deck, printed.modes[0].nodes)
+    axes = printed_axes(path, deck, printed.modes[0].nodes, is_stated=bool((printed.modes[0].systems > 0).any()))
+    if axes is None:
+        raise FileError(f"{deck}: holds no GRID, so that it is not the deck of {path.name}; name its bulk data")
     words = f"motions turned to global axes by {deck.name}" if axes else f"global axes by {deck.name}"
     return printed_record(path, printed, options, axes, [words])
 
 
 def printed_axes(
-    path: Path, deck: Path, nodes: IntArray, linked: Mapping[str, Path] | None = None
-) -> dict[int, FloatArray]:
+    path: Path, deck: Path, nodes: IntArray, linked: Mapping[str, Path] | None = None, is_stated: bool = False
+) -> dict[int, FloatArray] | None:
     """Axes (3, 3), as rows in global axes, of each point whose displacement system in the `deck` is not the global one.
 
-    Keys are node labels. `linked` has included files by name that do not lie beside the deck.
+    Keys are node labels. There are none where the deck asks for motions in the basic system; the result is None where
+    it has no GRID. `linked` has included files by name that do not lie beside the deck. With `is_stated` the file
+    `path` states systems itself, as that of MYSTRAN, which passes over PARAM,OUGCORD.
 
     Raises
     ------
     FileError
-        If the deck is damaged, has no GRID, lacks one of the points `nodes` that the file `path` prints, or asks for motions in
+        If the deck is damaged, lacks one of the points `nodes` that the file `path` prints, or asks for motions in
         another system.
     """
     with damage_told(deck, "Nastran bulk data", "export it again"):
         text = bulk_text(deck, linked)
         cards = cards_of(text, ("GRID", "GRDSET", *SYSTEM_CARDS))
         asked = _OUTPUT_SYSTEM.search(text.case_control + b"\n" + text.content)
-        if asked and asked[1].upper() != b"GLOBAL":
-            raise FileError(
-                f"{deck}: asks for motions in system {asked[1].decode('latin-1')} (PARAM,OUGCORD); leave it out"
-            )
+        system = asked[1].decode("latin-1").upper() if asked and not is_stated else "GLOBAL"
+        if system not in ("GLOBAL", "BASIC"):
+            raise FileError(f"{deck}: asks for motions in system {system} (PARAM,OUGCORD); leave it out")
         if "GRID" not in cards:
-            raise FileError(f"{deck}: holds no GRID, so that it is not the deck of {path.name}; name its bulk data")
+            return None
+        if system == "BASIC":
+            return {}
         systems = BulkSystems(deck, cards)
         missing = np.setdiff1d(nodes, systems.labels)
         if missing.size:
