@@ -143,5 +143,23 @@ def test_punched_frfs_are_turned_to_basic_axes(tmp_path):
     outputs_wanted, load = tuple(Dof(4, direction) for direction in "XYZ"), (Dof(5, "X"),)
     out = FrfsOut("a.pch", np.array([5.0]), outputs_wanted, load, load)
     assert out.read(tmp_path)[0, :, 0] == pytest.approx([1 + 0.1j, 2 + 0.2j, 3 + 0.3j])
-    turned = replace(out, deck=RunDeck("a.bdf", {})).read(tmp_path)
-    assert turned[0, :, 0] == pytest.approx([-2 - 0.2j, 1 + 0.1j, 3 + 0.3j])
+    assert "taken as basic" in out.notes(tmp_path)[0]
+    with_deck = replace(out, deck=RunDeck("a.bdf", {}))
+    (tmp_path / "a.bdf").write_text(BULK.format("SPOINT,9\n" + GRIDS))
+    scalar = point.replace("         4       G", "         9       S")
+    for points in (point, point + scalar):
+        (tmp_path / "a.pch").write_text(head + points)
+        assert with_deck.read(tmp_path)[0, :, 0] == pytest.approx([-2 - 0.2j, 1 + 0.1j, 3 + 0.3j])
+        assert with_deck.notes(tmp_path) == ("motions of 1 point turned to basic axes by the deck",)
+    (tmp_path / "a.pch").write_text(head + scalar)
+    with pytest.raises(FileError, match="holds no motions of grid points; punch them"):
+        with_deck.read(tmp_path)
+    (tmp_path / "a.pch").write_text(head + point)
+    load = (Dof(4, "X"),)
+    with pytest.raises(
+        FileError, match=r"load 4X\S* acts at node 4, .* \(field 7 of GRID\), .*; leave that field empty"
+    ):
+        replace(with_deck, inputs=load, loads=load).read(tmp_path)
+    (tmp_path / "a.bdf").write_text(BULK.format(GRIDS.replace(",7\n", "\n")))
+    assert replace(with_deck, inputs=load, loads=load).read(tmp_path).any()
+    assert with_deck.notes(tmp_path) == ()

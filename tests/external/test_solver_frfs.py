@@ -335,6 +335,43 @@ def test_nastran_punches_are_read_whole_or_not_at_all(tmp_path, by_point, polar)
         FrfsOut("run.pch", frequency, parse_dofs(["7Z"]), parse_dofs(["5Z"]), parse_dofs(["5Z"]), units).read(tmp_path)
 
 
+PUNCHES = """
+import sys
+from pathlib import Path
+k = float(Path(sys.argv[1]).read_text().splitlines()[0].split("=")[1])
+lines = ["$TITLE   =", "$DISPLACEMENTS", "$REAL-IMAGINARY OUTPUT", "$POINT ID = 5  IDENTIFIED BY FREQUENCY"]
+for f in Path("frequencies.csv").read_text().split():
+    z = 1 / (k * (1 + 0.02j) - (6.283185307179586 * float(f)) ** 2)
+    lines += [f"{f} G 0.0 0.0 {z.real:.9e}", "-CONT- 0.0 0.0 0.0", f"-CONT- 0.0 0.0 {z.imag:.9e}", "-CONT- 0.0 0.0 0.0"]
+Path("deck.pch").write_text("\\n".join(lines) + "\\n")
+"""
+
+
+def test_the_answer_says_how_axes_of_punched_frfs_were_taken(tmp_path):
+    (tmp_path / "punches.py").write_text(PUNCHES)
+    (tmp_path / "deck.txt").write_text("k = {{k}}\n")
+    frequency = np.linspace(2.0, 8.0, 40)
+    values = 1 / (1000.0 * (1 + 0.02j) - (2 * np.pi * frequency) ** 2)
+    write_record(tmp_path / "frf.npz", FrfRecord(frequency, values[:, None, None], ("5Z",), ("5Z",), "receptance"))
+    (tmp_path / "study.toml").write_text(
+        f"""
+[structure.solver]
+deck = "deck.txt"
+command = "{sys.executable} {{study}}/punches.py {{deck}}"
+gives = "frfs"
+frfs = "{{stem}}.pch"
+loads = ["5Z"]
+
+{parameter("k", 900.0)}{unknown("k")}
+[record]
+path = "frf.npz"
+"""
+    )
+    solved = load_study(tmp_path / "study.toml").solved
+    assert solved is not None
+    assert "taken as basic" in solved.facts[1]
+
+
 def test_records_with_lines_and_sensors_of_their_own_are_fitted_together(tmp_path):
     path = study(tmp_path, {"k1": 1150.0, "k2": 830.0})
     frequency = np.linspace(2.0, 9.0, 55)

@@ -16,7 +16,7 @@ from structid.core.errors import FileError
 from structid.core.units import FORCES, LENGTHS, FrfKind
 from structid.external.deck import FREQUENCIES
 from structid.external.expansion import Point
-from structid.external.outputs import OneFile, RunDeck, existing_file, require_last_line
+from structid.external.outputs import OneFile, RunDeck, axes_notes, existing_file, require_last_line
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.solved import SolvedModel, SolverCheck, Units, model_parameters
 from structid.external.steps import StepRules, take_differences
@@ -75,15 +75,20 @@ class FrfsOut(OneFile):
         """Receptances in the folder of a run at the needed lines and channels, m/N, (n_lines, n_outputs, n_inputs).
 
         They are along the positive directions. `FileError` if the file is cut short, holds no FRFs of motion per force
-        or zeros alone, or lacks a line, a channel or the imaginary parts.
+        or zeros alone, or lacks a line, a channel or the imaginary parts; if a needed load acts at a node of Nastran with
+        axes of its own, along which a DAREA acts.
         """
         path = existing_file(folder, self.path)
         require_last_line(path)
         if path.suffix.lower() in PUNCH_SUFFIXES:
             punched = punched_frfs(path, self.loads, self.units.length, self.units.force)
-            nodes = np.array([dof.node for dof in punched.outputs[::6]], dtype=np.int64)
-            axes = None if self.deck is None else self.deck.axes(folder, path, nodes)
-            record: FrfRecord | TimeRecord = _in_basic_axes(punched, axes or {})
+            axes = self._axes(folder, punched) or {}
+            if oblique := [dof for dof in self.inputs if dof.node in axes]:
+                raise FileError(
+                    f"{path}: load {oblique[0].unsigned} acts at node {oblique[0].node}, which has axes of its own (field 7 of"
+                    " GRID), so that a DAREA does not act along basic ones; leave that field empty"
+                )
+            record: FrfRecord | TimeRecord = _in_basic_axes(punched, axes)
         else:
             record = read_record(path)
         if not isinstance(record, FrfRecord):
@@ -102,6 +107,23 @@ class FrfsOut(OneFile):
         inputs, input_senses = _channel_indices(path, "load", self.inputs, record.inputs)
         values = record.lines(lines).as_kind("receptance").values[:, outputs][:, :, inputs]
         return values * output_senses[:, None] * input_senses
+
+    def notes(self, folder: Path) -> tuple[str, ...]:
+        """Words on how FRFs of a punch file in the `folder` of a run were turned to basic axes; none for other files."""
+        path = existing_file(folder, self.path)
+        if path.suffix.lower() not in PUNCH_SUFFIXES:
+            return ()
+        punched = punched_frfs(path, self.loads, self.units.length, self.units.force)
+        axes = self._axes(folder, punched)
+        return axes_notes(len({dof.node for dof in punched.outputs} & set(axes or {})), axes is None)
+
+    def _axes(self, folder: Path, punched: FrfRecord) -> dict[int, FloatArray] | None:
+        """Axes (3, 3), as rows in basic ones, of nodes of Nastran that move along others, by label; None without a GRID.
+
+        `folder` is that of the run, `punched` the FRFs of its punch file.
+        """
+        nodes = np.array([dof.node for dof in punched.outputs[::6]], dtype=np.int64)
+        return None if self.deck is None else self.deck.axes(folder, folder / self.path, nodes)
 
     def _line_indices(self, path: Path, of_file: FloatArray) -> IntArray:
         """Index in `of_file`, the frequencies of the file `path` in Hz, of each needed line, (n_lines,).
@@ -172,7 +194,9 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
         raise FileError(f"{path}: holds no displacements, velocities or accelerations; {_RUN_AGAIN}")
     table = {(case, frequency, node): values for case, frequency, node, values in _read_entries(path, lines, kind)}
     cases, frequency, nodes = (sorted({*keys}) for keys in zip(*table, strict=True)) if table else ([], [], [])
-    if len(table) != len(cases) * len(frequency) * len(nodes) or not table:
+    if not table:
+        raise FileError(f"{path}: holds no motions of grid points; {_RUN_AGAIN}")
+    if len(table) != len(cases) * len(frequency) * len(nodes):
         raise FileError(
             f"{path}: points or frequencies are missing in a part of it; the file is cut short, {_RUN_AGAIN}"
         )
@@ -202,9 +226,9 @@ def _in_basic_axes(record: FrfRecord, axes: Mapping[int, FloatArray]) -> FrfReco
 
 
 def _read_entries(path: Path, lines: Sequence[str], motion_kind: FrfKind) -> Iterator[Entry]:
-    """Subcase (1 by default), frequency in Hz, node and complex motion (6,) of each point in the lines of a punch file.
+    """Subcase (1 by default), frequency in Hz, node and complex motion (6,) of each grid point in the lines of a punch file.
 
-    Only motions of the kind `motion_kind` are read, others skipped; magnitudes and phases (deg) become complex.
+    Only motions of the kind `motion_kind` are read, others and scalar points skipped; magnitudes and phases (deg) become complex.
     `FileError` if the motions are real, or a point is incomplete.
     """
     kind: FrfKind | None = None
@@ -240,7 +264,8 @@ def _read_entries(path: Path, lines: Sequence[str], motion_kind: FrfKind) -> Ite
             frequency, node = (header["FREQUENCY"], first) if "FREQUENCY" in header else (first, header["POINT ID"])
             parts = parse_numbers(path, words_of_values).reshape(2, 6)
             values = parts[0] * np.exp(1j * np.radians(parts[1])) if is_polar else parts[0] + 1j * parts[1]
-            yield int(header.get("SUBCASE ID", "1")), float(frequency.replace("D", "E")), int(node), values
+            if rows[0][1] == "G":
+                yield int(header.get("SUBCASE ID", "1")), float(frequency.replace("D", "E")), int(node), values
             rows = []
     if rows:
         raise FileError(f"{path}, line {last_line}: ends within a point; the file is cut short, {_RUN_AGAIN}")
@@ -335,7 +360,9 @@ def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Tas
         f"solver: {run_words(steps.counts)}; {len(out.frequency)} lines from {out.frequency[0]:.5g} to {out.frequency[-1]:.5g} Hz,"
         f" {len(out.outputs)} x {len(out.inputs)} FRFs; {steps.words}"
     )
-    return SolvedFrfs(solver, frfs, (), (), steps.counts, (fact,), steps.at, units, out)
+    [at_centre], _ = needed_runs(solver, [steps.at], work)
+    facts = (fact, *out.notes(at_centre))
+    return SolvedFrfs(solver, frfs, (), (), steps.counts, facts, steps.at, units, out)
 
 
 def _change(centre: ComplexArray, run: ComplexArray, point: Point) -> float:

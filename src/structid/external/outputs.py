@@ -139,9 +139,7 @@ class RunDeck:
     name: str
     linked: Mapping[str, Path]
 
-    def axes(
-        self, folder: Path, path: Path, nodes: IntArray, is_stated: bool = False
-    ) -> dict[int, FloatArray] | None:
+    def axes(self, folder: Path, path: Path, nodes: IntArray, is_stated: bool = False) -> dict[int, FloatArray] | None:
         """Axes (3, 3), as rows in basic ones, of each node whose motion the file `path` prints along others, by label.
 
         None if there is no GRID, as where the bulk data are elsewhere. `is_stated`: the file states systems itself.
@@ -254,10 +252,15 @@ def read_shapes(
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     frequency = [mode.frequency for mode in printed]
     shapes = _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), has_mass, suffix)
-    if rows:
-        return replace(shapes, notes=(f"motions of {plural(len(rows), 'point')} turned to basic axes by the deck",))
     is_silent = suffix in NASTRAN and known is None and bool((systems < 0).any())
-    return replace(shapes, notes=(_TAKEN_AS_BASIC,)) if is_silent else shapes
+    return replace(shapes, notes=axes_notes(len(rows), is_silent))
+
+
+def axes_notes(n_turned: int, is_silent: bool) -> tuple[str, ...]:
+    """Words on motions of Nastran: how many points were turned, or, if `is_silent`, that nothing tells their axes."""
+    if n_turned:
+        return (f"motions of {plural(n_turned, 'point')} turned to basic axes by the deck",)
+    return (_TAKEN_AS_BASIC,) if is_silent else ()
 
 
 def _mass_normalized(mode: PrintedMode) -> FloatArray:
