@@ -145,7 +145,7 @@ def test_interrupted_while_it_writes_a_run_says_how_to_go_on(tmp_path, monkeypat
 
 
 def test_a_folder_that_a_killed_run_left_is_swept(tmp_path):
-    (tmp_path / ".out.0123456789ab").mkdir()
-    with staged_folder(tmp_path / "out") as staged:
+    (tmp_path / ".out.structid-0123456789ab").mkdir()
+    with staged_folder(tmp_path / "out", "estimate.json") as staged:
         (staged / "a").write_text("b")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
