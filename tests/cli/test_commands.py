@@ -266,6 +266,21 @@ def test_a_study_of_the_user_is_not_replaced_by_the_copy_of_another(study, tmp_p
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["study.toml"]
 
 
+def test_a_page_of_the_user_stays_where_a_command_writes_none(tmp_path):
+    """`motion` has no page, however often it runs; `modes` removes that of its own earlier results only."""
+    frame, modal = Path(__file__).parent.parent.parent / "examples" / "motion_of_a_frame", tmp_path / "frf.npz"
+    write_record(modal, chain_record())
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "report.html").write_text("mine")
+    for words in (*(("motion", frame / "study.toml"),) * 2, ("modes", modal, "--no-report")):
+        assert invoke(*words, "--out", tmp_path / "mine").exit_code in (0, 1)
+        assert (tmp_path / "mine" / "report.html").read_text() == "mine"
+    assert (tmp_path / "mine" / "modes.json").exists()
+    for words, is_there in (((), True), (("--no-report",), False)):
+        assert invoke("modes", modal, *words, "--out", tmp_path / "theirs").exit_code in (0, 1)
+        assert (tmp_path / "theirs" / "report.html").exists() is is_there
+
+
 def test_an_error_of_the_system_is_one_line(study, monkeypatch):
     def failing(*_arguments):
         raise OSError(errno.EIO, "Input/output error", "disk")

@@ -32,7 +32,7 @@ def folder(result, tmp_path_factory):
 
 
 def written(result, target: Path) -> None:
-    with staged_folder(target) as staged:
+    with staged_folder(target, "estimate.json", "report.html") as staged:
         write_results(result, staged)
 
 
@@ -176,7 +176,7 @@ def test_a_later_run_replaces_its_own_files_and_keeps_others(result, folder, tmp
     (target / "figures").mkdir(parents=True)
     for name in ("estimate.json", "notes.txt", "report.html", "figures/mine.png"):
         (target / name).write_text("earlier")
-    with staged_folder(target) as staged:
+    with staged_folder(target, "estimate.json", "report.html") as staged:
         write_results(result, staged)
         (staged / "figures").mkdir()
         (staged / "figures" / "new.png").write_text("new")
@@ -187,15 +187,26 @@ def test_a_later_run_replaces_its_own_files_and_keeps_others(result, folder, tmp
     assert not (target / "report.html").exists(), "a report of an earlier run would contradict the estimate"
 
 
+def test_a_page_that_is_of_no_earlier_results_stays(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.html").write_text("mine")
+    with staged_folder(tmp_path / "out", "estimate.json", "report.html") as staged:
+        (staged / "estimate.json").write_text("{}")
+    assert (tmp_path / "out" / "report.html").read_text() == "mine"
+
+
 def test_a_file_in_the_way_is_named(tmp_path):
     (tmp_path / "out").write_text("mine")
-    with pytest.raises(FileError, match=r"out: is a file; give another folder"), staged_folder(tmp_path / "out"):
+    with (
+        pytest.raises(FileError, match=r"out: is a file; give another folder"),
+        staged_folder(tmp_path / "out", "estimate.json"),
+    ):
         pass
     assert (tmp_path / "out").read_text() == "mine"
 
 
 def interrupted(target: Path) -> None:
-    with staged_folder(target) as staged:
+    with staged_folder(target, "estimate.json", "report.html") as staged:
         (staged / "half").write_text("half")
         raise KeyboardInterrupt
 

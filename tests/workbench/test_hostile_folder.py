@@ -193,14 +193,14 @@ def test_results_are_not_written_through_links_of_the_folder_that_they_replace(t
     (folder / "estimate.json").symlink_to(outside / "written")
 
     def write() -> None:
-        with staged_folder(folder) as staged:
+        with staged_folder(folder, "estimate.json") as staged:
             (staged / "suggestions").mkdir()
             (staged / "suggestions" / "a.toml").write_text("a = 1", encoding="utf-8")
 
     with pytest.raises(FileError, match="is a link"):
         write()
     (folder / "suggestions").unlink()
-    with staged_folder(folder) as staged:
+    with staged_folder(folder, "estimate.json") as staged:
         (staged / "estimate.json").write_text("{}", encoding="utf-8")
     assert not list(outside.iterdir())
     assert not (folder / "estimate.json").is_symlink()

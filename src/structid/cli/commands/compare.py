@@ -52,7 +52,7 @@ def compare(
         comparison = compare_states(baseline, later, options, progress.search)
     folder = out if out is not None else beside_call(f"{later.stem if later.is_file() else later.name}_comparison")
     name = "compare.json"
-    with staged_folder(folder, COMPARE_PAGE) as staged:
+    with staged_folder(folder, name, COMPARE_PAGE) as staged:
         (staged / name).write_text(json_text(comparison_summary(comparison)), encoding="utf-8")
         if report:
             name = comparison_page(comparison).write(staged, png).name

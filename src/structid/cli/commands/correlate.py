@@ -45,7 +45,7 @@ def correlate(
     check_png(report, png)
     correlation = correlated(load_study(study), options, at)
     folder, name = out if out is not None else beside_call(f"{study.stem}_correlation"), "correlation.json"
-    with staged_folder(folder, CORRELATION_PAGE) as staged:
+    with staged_folder(folder, name, CORRELATION_PAGE) as staged:
         (staged / name).write_text(json_text(correlation_summary(correlation)), encoding="utf-8")
         for count, part in enumerate(correlation.modes, 1):
             expanded = expanded_record(part)

@@ -119,7 +119,7 @@ def identify(
     from structid.diagnose.diagnosis import budget_for_causes
     from structid.diagnose.search_budget import SearchBudget
     from structid.inversion.estimate import Status
-    from structid.study.results.folder import require_results_folder, staged_folder
+    from structid.study.results.folder import ESTIMATE, ESTIMATE_PAGE, require_results_folder, staged_folder
     from structid.study.run.diagnosis import diagnose_study, write_suggestions
     from structid.study.run.long_run import Checkpoint, LongRun, checkpoint_folder, fingerprint, start_workers
     from structid.study.run.run import confirm_result, relinearized_study, run_prepared
@@ -130,7 +130,7 @@ def identify(
     crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
     folder = out if out is not None else beside_call(f"{study.stem}_results")
-    require_results_folder(folder, "estimate.json", "estimate.h5", "study.toml", "report.html")
+    require_results_folder(folder, ESTIMATE, "estimate.h5", "study.toml", ESTIMATE_PAGE)
     owner = fingerprint(read)
     is_answered = False
 
@@ -139,7 +139,7 @@ def identify(
 
         Return the name of the file to read first: the report, or estimate.json without one.
         """
-        with staged_folder(folder) as staged:
+        with staged_folder(folder, ESTIMATE, ESTIMATE_PAGE) as staged:
             page = _write(answer, staged, report, png)
             write_suggestions(answer, fits, staged, folder)
         return page

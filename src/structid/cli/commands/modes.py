@@ -80,7 +80,7 @@ def modes(
     else:
         result = modes_of_file(records[0], options, read, geometry)
     folder, name = out if out is not None else beside_call(f"{records[0].stem}_modes"), "modes.json"
-    with staged_folder(folder, MODES_PAGE) as staged:
+    with staged_folder(folder, name, MODES_PAGE) as staged:
         write_modes_results(result, staged)
         if report:
             name = modes_page(result).write(staged, png).name
@@ -125,7 +125,7 @@ def _track(
     ]
     tracks = track_modes(modes, file_names(paths))
     folder, name = out if out is not None else beside_call(f"{results[0].stem}_tracks"), "tracks.json"
-    with staged_folder(folder, MODES_PAGE) as staged:
+    with staged_folder(folder, name, MODES_PAGE) as staged:
         write_tracks(tracks, staged)
         if report:
             name = tracks_page(tracks).write(staged, png).name
@@ -165,7 +165,7 @@ def _merge(
     merging = merged_setups([read_modes(path) for path in paths], names=names)
     nodes = None if geometry is None else read_geometry(geometry)
     folder = out if out is not None else beside_call(f"{paths[0].stem}_modes")
-    with staged_folder(folder, MODES_PAGE) as staged:
+    with staged_folder(folder, "modes.json", MODES_PAGE) as staged:
         write_merged(merging.modes, staged, nodes)
     show(merged_text(names, merging))
     if nodes is not None and nodes.unit_words:

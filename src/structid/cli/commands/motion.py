@@ -65,7 +65,7 @@ def motion(
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
         fail(f"interrupted; no results were written{kept}", INTERRUPTED)
-    with staged_folder(folder) as staged:
+    with staged_folder(folder, MOTION_SUMMARY) as staged:
         write_motion(result, staged)
     typer.echo("", err=True)
     for line in motion_lines(result):

@@ -62,7 +62,7 @@ def plan(
     require_results_folder(folder, name, "study.toml", PLAN_PAGE)
     read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
     chosen = planned(read)
-    with staged_folder(folder, PLAN_PAGE) as staged:
+    with staged_folder(folder, name, PLAN_PAGE) as staged:
         write_plan(chosen, read, staged)
         if report:
             name = plan_page(chosen, read.title, read.notes).write(staged, png).name

@@ -66,7 +66,7 @@ def predict(
     changes = _changes(mass or (), scale or (), damper or (), support or (), remove or ())
     prediction = predict_study(results, options, changes, study)
     folder, name = out if out is not None else beside_call(f"{results.name}_prediction"), "prediction.json"
-    with staged_folder(folder, PREDICTION_PAGE) as staged:
+    with staged_folder(folder, name, PREDICTION_PAGE) as staged:
         (staged / name).write_text(json_text(prediction_summary(prediction)), encoding="utf-8")
         for quantity, part in (
             ("frf", prediction.frf),

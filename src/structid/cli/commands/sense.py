@@ -44,7 +44,7 @@ def sense(
     check_png(report, png)
     found, title = sense_record(results, record, read, options, study)
     folder, name = out if out is not None else beside_call(f"{results.name}_sensed"), "sensed.csv"
-    with staged_folder(folder, SENSING_PAGE) as staged:
+    with staged_folder(folder, "sensed.json", SENSING_PAGE) as staged:
         (staged / "sensed.csv").write_text(sensed_csv(found), encoding="utf-8")
         (staged / "sensed.json").write_text(json_text(sensed_summary(found, results, record)), encoding="utf-8")
         if report:

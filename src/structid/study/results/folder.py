@@ -37,7 +37,8 @@ from structid.study.results.view import (
 if TYPE_CHECKING:
     from structid.identification.modal_fit import ModalFit
 
-_REPORT = "report.html"
+#: File that all results of `structid identify` have, and their page.
+ESTIMATE, ESTIMATE_PAGE = "estimate.json", "report.html"
 #: File of a results folder that says where its study is.
 STUDY_PATH = "study_path.txt"
 
@@ -58,11 +59,12 @@ def require_results_folder(folder: Path, summary: str, *names: str) -> None:
 
 
 @contextmanager
-def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
+def staged_folder(folder: str | Path, summary: str, page: str | None = None) -> Iterator[Path]:
     """Context manager that yields a temporary folder, and moves its files into `folder` if no error ends the block.
 
     On any error the temporary folder is removed, and an existing `folder` stays as it was. Files of `folder` without a
-    new one of their name stay, except the old report called `page`, which would tell of another run.
+    new one of their name stay, except an old report called `page` beside an old `summary`: it would tell of another
+    run. `summary` is the file that results of this kind always have.
 
     Raises
     ------
@@ -78,7 +80,7 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
         with claim_path(folder):
             temporary.mkdir()
             yield temporary
-            _move_into(temporary, folder, page)
+            _move_into(temporary, folder, summary, page)
     except FileError as error:
         raise FileError(str(error).replace(str(temporary), str(folder))) from error
     except OSError as error:
@@ -90,12 +92,12 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _move_into(temporary: Path, folder: Path, page: str) -> None:
+def _move_into(temporary: Path, folder: Path, summary: str, page: str | None) -> None:
     """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file.
 
     Files of the same names are replaced and others stay, except the report called `page`, which is removed if there is
-    no new one. `FileError` if `folder` has a link, or a file, where a folder goes, or a folder where a file goes;
-    nothing is moved then.
+    no new one and an earlier `summary` stands beside it. `FileError` if `folder` has a link, or a file, where a folder
+    goes, or a folder where a file goes; nothing is moved then.
     """
     if not folder.exists():
         temporary.rename(folder)
@@ -106,7 +108,7 @@ def _move_into(temporary: Path, folder: Path, page: str) -> None:
             raise FileError(f"{target}: is a link where results have a folder; remove it, or give another --out")
         if target.exists() and target.is_dir() != path.is_dir():
             raise FileError(f"{target}: is in the way of a result of this name; move it, or give another --out")
-    if not (temporary / page).exists():
+    if page is not None and not (temporary / page).exists() and (folder / summary).exists():
         (folder / page).unlink(missing_ok=True)  # it would tell of another run
     for path in sorted(temporary.rglob("*")):
         target = folder / path.relative_to(temporary)
@@ -122,7 +124,7 @@ def write_results(result: StudyResult, folder: Path) -> None:
     With too many parameters for a covariance matrix their table (CSV) is added, with a solver the updated deck. Equal
     results give equal bytes, except for the path of the study.
     """
-    (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
+    (folder / ESTIMATE).write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))

@@ -114,7 +114,7 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
         )
     if saved:
         merging = merged_setups([read_modes(path) for path in paths], names=file_names(paths))
-        with staged_folder(folder, MODES_PAGE) as staged:
+        with staged_folder(folder, "modes.json", MODES_PAGE) as staged:
             write_merged(merging.modes, staged)
         return {**_told(merging.modes), "setups": merging.frequency.T, "spread": merging.frequency_spread}
     if len(paths) < 2:
@@ -129,7 +129,7 @@ def _write_modes(result: ModesResult, folder: Path) -> dict[str, StoredEntry]:
     These are frequencies (Hz), damping ratios, standard deviations, shapes, MAC between the modes, channels and
     warnings.
     """
-    with staged_folder(folder, MODES_PAGE) as staged:
+    with staged_folder(folder, "modes.json", MODES_PAGE) as staged:
         write_modes_results(result, staged)
         modes_page(result).write(staged)
     return _modes(result)
