@@ -5,6 +5,7 @@ import pytest
 
 from structid.core.errors import FileError
 from structid.fem.meshes import read_mesh
+from structid.fem.meshes.abaqus_assembly import Assembly, PartData
 
 PANEL = "*NODE\n1,0.,0,0\n2,1.,0,0\n3,1.,1,0\n4,0.,1,0\n*ELEMENT,TYPE=S4,ELSET=S\n1,1,2,3,4\n"
 ASSEMBLY = (
@@ -95,6 +96,38 @@ def test_springs_whose_lines_end_in_a_comma_are_as_many_as_their_lines(tmp_path)
     mesh = read(tmp_path, f"{text}*SPRING,ELSET=K\n1\n5.\n*SPRING,ELSET=L\n\n7.\n")
     springs = [spring for part in mesh.parts for spring in part.springs]
     assert [sorted({node for node, _ in spring.weights}) for spring in springs] == [[2], [3], [1, 3], [2, 4]]
+
+
+@pytest.mark.parametrize("kind", ["CONN3D2", "CONN2D2", "JOINTC"])
+@pytest.mark.parametrize("rows", ["10,1\n11,2\n", "10,1,\n11,,2\n", "10,1,2\n11,3\n"])
+def test_connectors_to_the_ground_have_one_node_a_line(tmp_path, kind, rows):
+    part = part_of(read(tmp_path, f"{PANEL}*ELEMENT,TYPE={kind},ELSET=C\n{rows}"), kind)
+    assert (part.count, part.obstacle) == (2, "no element for it")
+
+
+def test_lines_without_words_are_no_lines_of_an_element(tmp_path):
+    mesh = read(tmp_path, PANEL.replace("1,1,2,3,4\n", ",\n1,1,2,3,4,5\n"))
+    assert mesh.blocks[0].nodes.tolist() == [[1, 2, 3, 4]]
+    assert "lines of S4 name more nodes than it has" in mesh.notes[0]
+
+
+def test_ranges_are_gone_through_once_for_all_sets():
+    class Counted(list):
+        n_rounds = 0
+
+        def __iter__(self):
+            self.n_rounds += 1
+            return super().__iter__()
+
+    ranges = Counted([("NSET", range(10 * k, 10 * k + 4)) for k in range(50)])
+    sets = {str(k): set(passed) | {7000 + k} for k, (_, passed) in enumerate(ranges)}
+    ranges.n_rounds = 0
+    assembly = Assembly([PartData("", {0: [0.0, 0.0, 0.0]}, node_sets=sets, ranges=ranges)])
+    assembly.number()
+    sentences = assembly.drop_unknown()
+    assert ranges.n_rounds == 1
+    assert sentences[3] == "*NSET 3 names node 7003, which the file does not have: left out"
+    assert [len(labels) for labels in sets.values()] == [1] + 49 * [0]
 
 
 @pytest.mark.parametrize("system", ["C", "c", "CYLINDRICAL"])

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
-from structid.fem.meshes.abaqus_assembly import Assembly, PartData
+from structid.fem.meshes.abaqus_assembly import ONE_LINE, Assembly, PartData
 from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks, number_of, numbers_of, spelled_out
 from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
 from structid.fem.meshes.abaqus_surfaces import Surfaces
@@ -18,10 +18,12 @@ from structid.fem.meshes.coordinate_systems import unit_normals
 from structid.fem.meshes.deck_parts import CellOffsets, DeckPart, DeckUnits, split_by_obstacle
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
-#: Numbers of nodes of elements that are no cells; others run on where a line ends in a comma.
+#: Numbers of nodes of elements that are no cells; others run on where a line ends in a comma. Connectors with one node have the
+#: ground at the other end.
 _NODES_BESIDE = {
     **dict.fromkeys(("SPRING1", "DASHPOT1", "HEATCAP"), 1),
-    **dict.fromkeys(("SPRING2", "SPRINGA", "DASHPOT2", "DASHPOTA", "CONN3D2", "CONN2D2", "JOINTC"), 2),
+    **dict.fromkeys(("SPRING2", "SPRINGA", "DASHPOT2", "DASHPOTA"), 2),
+    **dict.fromkeys(("CONN3D2", "CONN2D2", "JOINTC"), ONE_LINE),
 }
 _KINDS = (
     (r"C3D4", "tetra", 4),

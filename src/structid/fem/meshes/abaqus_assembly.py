@@ -15,6 +15,8 @@ from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_from_x
 #: Sets of labels by name in capitals.
 Sets = dict[str, set[int]]
 _MOST_MEMBERS = 20_000_000
+#: In place of the number of nodes of an element: each line is one.
+ONE_LINE = -1
 _NUMBER = re.compile(r"-?\d+")
 _FORMS = {"": "R", "R": "R", "RECTANGULAR": "R", "C": "C", "CYLINDRICAL": "C", "S": "S", "SPHERICAL": "S"}
 
@@ -143,17 +145,6 @@ class PartData:
         labels = _range_of(row)
         self.ranges.append((keyword, labels))
         return labels
-
-    def drop_unknown(self, keyword: str, labels: set[int], known: set[int]) -> set[int]:
-        """Take away from `labels`, in place, those that are not `known`; returns those of them that stand in no range.
-
-        `labels` are those of a set, `keyword` is NSET or ELSET; ranges (GENERATE) of the same keyword may pass over
-        labels that are not there.
-        """
-        missing = labels - known
-        labels -= missing
-        ranges = [labels_of_range for kind, labels_of_range in self.ranges if kind == keyword]
-        return {label for label in missing if not any(label in passed for passed in ranges)}
 
     def nodes_of_cells(self, labels: Iterable[int]) -> set[int]:
         """Labels of the nodes of some elements."""
@@ -298,8 +289,9 @@ def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]
     """Nodes (as words) of each element by label, and True if lines have more nodes than the element.
 
     CalculiX accepts such lines. With `count` nodes an element, its data run over several lines until it is complete;
-    with 0, over lines that end in a comma. `rows` are the words of the data lines. Raises `ValueError` if a label
-    repeats, nodes are missing, or several lines do not end with the last node of an element.
+    with 0, over lines that end in a comma; with `ONE_LINE`, each line is an element. `rows` are the words of the data
+    lines. Raises `ValueError` if a label repeats, nodes are missing, or several lines do not end with the last node of
+    an element.
     """
     table: dict[int, list[str]] = {}
     pending: list[str] = []
@@ -307,11 +299,11 @@ def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]
     lines = 0
     for row in rows:
         pending += [word for word in row if word]
-        lines += 1
+        lines += any(row)
         if not pending or (len(pending) < count + 1 if count else row[-1] == ""):
             continue
         label = int(pending[0])
-        if count and len(pending) > count + 1:
+        if count > 0 and len(pending) > count + 1:
             too_many = True
             if lines > 1:
                 raise ValueError(
@@ -319,7 +311,7 @@ def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]
                 )
         if label in table:
             raise ValueError(f"element {label} stands twice, as it does where a file has several parts")
-        table[label] = pending[1 : count + 1] if count else pending[1:]
+        table[label] = pending[1 : count + 1] if count > 0 else pending[1:]
         pending, lines = [], 0
     if pending and count:
         raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
@@ -464,9 +456,16 @@ class Assembly:
                     holder = self.own if is_own and self.own is not None else self.scope(owner)
                     every.append((self.own.names.get(key, key) if self.own is not None else key, holder, labels))
             known = {scope.name: _labels(scope)[keyword == "ELSET"] for scope in self.all_scopes}
+            passed: dict[str, set[int]] = {}
             for name, holder, labels in every:
-                missing = sorted(holder.drop_unknown(keyword, labels, known[holder.name]))
-                if missing:
+                unknown = labels - known[holder.name]
+                if not unknown:
+                    continue
+                labels -= unknown
+                if holder.name not in passed:
+                    ranges = (labels_of_range for kind, labels_of_range in holder.ranges if kind == keyword)
+                    passed[holder.name] = set().union(*ranges)
+                if missing := sorted(unknown - passed[holder.name]):
                     of = f" of {holder.name}" if holder.name else ""
                     more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
                     sentences.append(
