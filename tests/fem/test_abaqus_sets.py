@@ -210,6 +210,39 @@ def test_surfaces_of_nodes_weigh_a_mean_as_they_say(tmp_path, rows, weights):
     assert along_z == pytest.approx(weights)
 
 
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("1,1d0\n2,1.D+0\n3,1.\n4,1.\n", ""),
+        ("1,0.\n2,0.\n", "no node of its surface has a weight"),
+        ("1,nan\n2,1.\n3,1.\n", "'nan' is no finite number"),
+    ],
+)
+def test_weights_of_a_mean_are_finite_numbers_that_are_not_all_0(tmp_path, rows, words):
+    text = (
+        f"{PANEL}*NODE\n9,.5,.5,1.\n*SURFACE,TYPE=NODE,NAME=F\n{rows}*COUPLING,CONSTRAINT NAME=C,REF NODE=9,SURFACE=F\n"
+    )
+    part = part_of(read(tmp_path, text + "*DISTRIBUTING\n"), "COUPLING")
+    assert part.obstacle.endswith(words)
+    assert bool(part.obstacle) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rows"),
+    [
+        ("EQUATION", "2\nA,1,1.,B,1,-1.\n"),
+        ("EQUATION", "2\nA,1,1.,4,1,-1.\n"),
+        ("MPC", "BEAM,A,1\n"),
+        ("MPC", "TIE,A,B\n"),
+        ("MPC", "TIE,1,B\n"),
+    ],
+)
+def test_constraints_between_sets_without_nodes_are_said(tmp_path, kind, rows):
+    sets = "*NSET,NSET=A,GENERATE\n100,110\n*NSET,NSET=B,GENERATE\n200,210\n"
+    part = part_of(read(tmp_path, f"{PANEL}{sets}*{kind}\n{rows}"), kind)
+    assert (part.count, part.obstacle) == (1, "its sets hold no node that is there")
+
+
 def test_masses_and_springs_without_a_value_are_said(tmp_path):
     text = f"{PANEL}*ELEMENT,TYPE=MASS,ELSET=M\n5,1\n6,2\n*ELEMENT,TYPE=SPRING1,ELSET=K\n7,3\n*MASS,ELSET=N\n2.\n"
     mesh = read(tmp_path, text.replace("*MASS", "*ELSET,ELSET=N\n6\n*MASS"))

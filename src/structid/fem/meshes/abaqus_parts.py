@@ -78,6 +78,7 @@ ObstaclesAndParts = list[tuple[str, DeckPart]]
 #: Part of the mean side of faces within which a node is tied where a file does not say it, as in Abaqus.
 _NEAR = 0.05
 _UNSORTED = "its nodes are paired in the order of a set (UNSORTED)"
+_EMPTY = "its sets hold no node that is there"
 _TURNED = "it stands in a turned instance"
 _LOCAL = "its nodes have directions of their own (*TRANSFORM)"
 
@@ -401,6 +402,8 @@ def _make_equation(deck: _AssemblyContext, scope: PartData, terms: Sequence[Sequ
         return [(_TURNED, DeckPart("EQUATION", 1))]
     nodes = [deck.assembly.nodes(scope, term[0]) for term in terms]
     count = max(map(len, nodes))
+    if not all(nodes):
+        return [(_EMPTY, DeckPart("EQUATION", max(count, 1)))]
     if any(_is_unsorted(deck, scope, term[0]) for term in terms):
         return [(_UNSORTED, DeckPart("EQUATION", count))]
     if any(len(labels) not in (1, count) for labels in nodes):
@@ -451,6 +454,9 @@ def _read_multi_point(deck: _AssemblyContext, scope: PartData, block: KeywordBlo
         if len(words) != 3:
             raise ValueError(f"type {kind} needs two nodes or sets, got {len(words) - 1}")
         dependents, mains = deck.assembly.nodes(scope, words[1]), deck.assembly.nodes(scope, words[2])
+        if not (dependents and mains):
+            items.append((_EMPTY, DeckPart("MPC", 1)))
+            continue
         mains = mains * len(dependents) if len(mains) == 1 else mains
         for dependent, main in zip(dependents, mains, strict=True):
             items.append(("", DeckPart("MPC", 1, ties=tuple(_make_ties(kind, main, dependent)))))
@@ -553,6 +559,8 @@ def _read_coupling(deck: _AssemblyContext, scope: PartData, block: KeywordBlock)
         return [("its weights are not uniform, or it couples rotations", DeckPart("COUPLING", 1))]
     areas = nodal_areas(surface, deck.positions.__getitem__) if surface.faces else surface.weights
     areas = {node: area for node, area in areas.items() if area}
+    if not areas:
+        return [("no node of its surface has a weight", DeckPart("COUPLING", 1))]
     return [_mean_constraints(deck, main, areas, sorted({0, 1, 2, *components}))]
 
 

@@ -11,7 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import is_whole_number
 from structid.fem.elements.cells import CELLS, CellShape
 from structid.fem.meshes.abaqus_assembly import Assembly, PartData
-from structid.fem.meshes.abaqus_keywords import KeywordBlock
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, number_of
 
 #: Corners of the faces S1, S2, ... of solids, counted from 0.
 _FACES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -87,7 +87,7 @@ class Surfaces:
         if kind == "NODE":
             are_stated = any(len(row) > 1 for row in rows)
             weights = {
-                node: float(row[1]) if len(row) > 1 else float(not are_stated)
+                node: number_of(row[1]) if len(row) > 1 else float(not are_stated)
                 for row in rows
                 for node in self._assembly.nodes(holder, row[0])
             }
