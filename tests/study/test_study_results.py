@@ -13,7 +13,7 @@ import pytest
 from structid.core.errors import FileError
 from structid.core.json_types import json_text
 from structid.files import digest
-from structid.study.results.folder import staged_folder, write_results
+from structid.study.results.folder import require_results_folder, staged_folder, write_results
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, TRUE, chain_record, write_chain
@@ -193,6 +193,24 @@ def test_a_page_that_is_of_no_earlier_results_stays(tmp_path):
     with staged_folder(tmp_path / "out", "estimate.json", "report.html") as staged:
         (staged / "estimate.json").write_text("{}")
     assert (tmp_path / "out" / "report.html").read_text() == "mine"
+
+
+def test_an_interruption_while_files_are_moved_leaves_a_folder_known_as_results(result, tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    moved = []
+
+    def interrupted_later(path, target):
+        if moved:
+            raise KeyboardInterrupt
+        moved.append(path.rename(target))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", interrupted_later)
+        with pytest.raises(KeyboardInterrupt):
+            written(result, tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["estimate.json"]
+    require_results_folder(tmp_path / "out", "estimate.json", "estimate.h5", "study.toml")
+    written(result, tmp_path / "out")
 
 
 def test_a_file_in_the_way_is_named(tmp_path):

@@ -64,7 +64,8 @@ def staged_folder(folder: str | Path, summary: str, page: str | None = None) -> 
 
     On any error the temporary folder is removed, and an existing `folder` stays as it was. Files of `folder` without a
     new one of their name stay, except an old report called `page` beside an old `summary`: it would tell of another
-    run. `summary` is the file that results of this kind always have.
+    run. `summary` is the file that results of this kind always have; it is moved first, so that a folder whose writing
+    was interrupted is known as theirs.
 
     Raises
     ------
@@ -95,9 +96,9 @@ def staged_folder(folder: str | Path, summary: str, page: str | None = None) -> 
 def _move_into(temporary: Path, folder: Path, summary: str, page: str | None) -> None:
     """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file.
 
-    Files of the same names are replaced and others stay, except the report called `page`, which is removed if there is
-    no new one and an earlier `summary` stands beside it. `FileError` if `folder` has a link, or a file, where a folder
-    goes, or a folder where a file goes; nothing is moved then.
+    `summary` goes first. Files of the same names are replaced and others stay, except the report called `page`, which
+    is removed if there is no new one and an earlier `summary` stands beside it. `FileError` if `folder` has a link, or a
+    file, where a folder goes, or a folder where a file goes; nothing is moved then.
     """
     if not folder.exists():
         temporary.rename(folder)
@@ -110,7 +111,7 @@ def _move_into(temporary: Path, folder: Path, summary: str, page: str | None) ->
             raise FileError(f"{target}: is in the way of a result of this name; move it, or give another --out")
     if page is not None and not (temporary / page).exists() and (folder / summary).exists():
         (folder / page).unlink(missing_ok=True)  # it would tell of another run
-    for path in sorted(temporary.rglob("*")):
+    for path in sorted(temporary.rglob("*"), key=lambda path: (path != temporary / summary, path)):
         target = folder / path.relative_to(temporary)
         if path.is_dir():
             target.mkdir(exist_ok=True)
