@@ -261,7 +261,8 @@ def test_a_study_of_the_user_is_not_replaced_by_the_copy_of_another(study, tmp_p
     (tmp_path / "mine" / "study.toml").write_text("mine")
     done = invoke(command_name, study, "--out", "mine")
     assert done.exit_code == 2
-    assert re.search(rf"mine.study\.toml: is of no results, there is no {summary}\.json beside it", done.stderr)
+    said = rf"mine.study\.toml: belongs to no results of this command \(there is no {summary}\.json beside it\)"
+    assert re.search(said, done.stderr)
     assert (tmp_path / "mine" / "study.toml").read_text() == "mine"
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["study.toml"]
 

@@ -44,17 +44,18 @@ STUDY_PATH = "study_path.txt"
 
 
 def require_results_folder(folder: Path, summary: str, *names: str) -> None:
-    """Raise `FileError` if files called `names`, which results would replace, stand in `folder` without `summary`.
+    """Raise `FileError` if files called `names`, which results could replace, stand in `folder` without `summary`.
 
-    `summary` is the file that results of this kind always have: without it the files are somebody else's.
+    `summary` is the file that results of this kind always have: without it the files are of another command, or
+    somebody else's.
     """
     if (folder / summary).exists():
         return
     for name in names:
         if (folder / name).exists():
             raise FileError(
-                f"{folder / name}: is of no results, there is no {summary} beside it, and would be replaced; give another"
-                " folder with --out"
+                f"{folder / name}: belongs to no results of this command (there is no {summary} beside it) and could be"
+                " replaced; give another folder with --out"
             )
 
 
