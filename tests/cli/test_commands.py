@@ -267,6 +267,17 @@ def test_a_study_of_the_user_is_not_replaced_by_the_copy_of_another(study, tmp_p
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["study.toml"]
 
 
+@pytest.mark.parametrize("name", ["estimate.h5", "parameters.csv", "report.html", "study_path.txt"])
+def test_the_folder_is_refused_before_the_study_is_read(study, tmp_path, name):
+    """A study may run a solver as it is read; one that is not there is not even missed."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / name).write_text("mine")
+    done = invoke("identify", study.with_name("missing.toml"), "--out", "mine")
+    assert done.exit_code == 2
+    assert f"{name}: belongs to no results of this command" in done.stderr
+    assert [path.read_text() for path in (tmp_path / "mine").iterdir()] == ["mine"]
+
+
 def test_a_page_of_the_user_stays_where_a_command_writes_none(tmp_path):
     """`motion` has no page, however often it runs; `modes` removes that of its own earlier results only."""
     frame, modal = Path(__file__).parent.parent.parent / "examples" / "motion_of_a_frame", tmp_path / "frf.npz"

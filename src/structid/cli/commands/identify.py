@@ -119,7 +119,13 @@ def identify(
     from structid.diagnose.diagnosis import budget_for_causes
     from structid.diagnose.search_budget import SearchBudget
     from structid.inversion.estimate import Status
-    from structid.study.results.folder import ESTIMATE, ESTIMATE_PAGE, require_results_folder, staged_folder
+    from structid.study.results.folder import (
+        ESTIMATE,
+        ESTIMATE_FILES,
+        ESTIMATE_PAGE,
+        require_results_folder,
+        staged_folder,
+    )
     from structid.study.run.diagnosis import diagnose_study, write_suggestions
     from structid.study.run.long_run import Checkpoint, LongRun, checkpoint_folder, fingerprint, start_workers
     from structid.study.run.run import confirm_result, relinearized_study, run_prepared
@@ -127,10 +133,10 @@ def identify(
     from structid.study.schema.study import load_study
 
     check_png(report, png)
+    folder = out if out is not None else beside_call(f"{study.stem}_results")
+    require_results_folder(folder, ESTIMATE, *ESTIMATE_FILES)
     crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
-    folder = out if out is not None else beside_call(f"{study.stem}_results")
-    require_results_folder(folder, ESTIMATE, "estimate.h5", "study.toml", ESTIMATE_PAGE)
     owner = fingerprint(read)
     is_answered = False
 

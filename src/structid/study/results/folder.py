@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 ESTIMATE, ESTIMATE_PAGE = "estimate.json", "report.html"
 #: File of a results folder that says where its study is.
 STUDY_PATH = "study_path.txt"
+#: Files that results of `structid identify` can have besides.
+ESTIMATE_FILES = ("estimate.h5", "study.toml", STUDY_PATH, PARAMETERS, ESTIMATE_PAGE)
 
 
 def require_results_folder(folder: Path, summary: str, *names: str) -> None:
