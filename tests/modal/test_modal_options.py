@@ -33,6 +33,15 @@ def test_every_sequence_may_be_an_array(options):
         assert made == options(**{name: type(sequence)(map(list, sequence)) if name == "bands" else sequence})
 
 
+@pytest.mark.parametrize(
+    "name, number", [("orders", 20), ("orders", np.int64(20)), ("frequencies", 2.5), ("remove_tones", np.float64(50.0))]
+)
+def test_one_number_is_a_list_of_one(name, number):
+    found = getattr(ModesOptions(**{name: number}), name)
+    assert found == (number,)
+    assert type(found[0]) in (int, float)
+
+
 @pytest.mark.parametrize("name", ["orders", "frequencies", "remove_tones"])
 @pytest.mark.parametrize("empty", ["", " , ", (), [], np.array([])])
 def test_a_list_without_a_number_is_refused(name, empty):

@@ -20,7 +20,7 @@ class ModesOptions:
     """Options of `structid modes`; the defaults suit any record. Every field is a flag of the command.
 
     Lists may be given as one text: ``frequencies="1.9,2.4"``; ``orders="10,20,30"``, ``"2:60"`` (in steps of 2) or
-    ``"4:80:4"``.
+    ``"4:80:4"``; or as one number.
 
     Parameters
     ----------
@@ -61,13 +61,16 @@ class ModesOptions:
     window: float | None = None
 
     def __post_init__(self) -> None:
-        """Convert texts to numbers and arrays to tuples, and raise `InputError` on values out of range.
+        """Convert texts to numbers, arrays and single numbers of lists to tuples, and raise `InputError` on values out of range.
 
         Texts are lists in `frequencies` and `remove_tones` (but for "auto"), a list or range in `orders`, a number in
         `detrend`. No list may be empty. `frequencies`, `remove_tones`, `rate`, `deviation` and `window` must be
         positive, `band` a range.
         """
         arrays_to_tuples(self, "band", "frequencies", "orders", "remove_tones", "damping")
+        for name in ("frequencies", "orders", "remove_tones"):
+            if isinstance(value := getattr(self, name), int | float | np.number):
+                object.__setattr__(self, name, tuple(np.atleast_1d(value).tolist()))
         for name, words in (("frequencies", ()), ("remove_tones", ("auto",))):
             value = getattr(self, name)
             if isinstance(value, str) and value not in words:
