@@ -398,21 +398,22 @@ def shapes_of_skewed_node(path, angle, measured):
     return path
 
 
-def shapes_of_turned_nodes(path, angle, motions):
-    """One real mode as dataset 2414; `motions` has 3 or 6 numbers a node, along axes turned by `angle` about X."""
+def shapes_of_turned_nodes(path, angle, *modes):
+    """Real modes as datasets 2414, at 8 Hz and its multiples: 3 or 6 numbers a node, along axes turned by `angle` about X."""
     c, s_ = np.cos(angle), np.sin(angle)
     system = ["".join(f"{x:25.16E}" for x in row) for row in ((1, 0, 0), (0, c, s_), (0, -s_, c), (0, 0, 0))]
     place = "".join(f"{x:25.16E}" for x in (1.0, 2.0, 3.0))
-    width = len(next(iter(motions.values())))
+    width = len(next(iter(modes[0].values())))
     kind = "".join(f"{n:10d}" for n in (1, 2, width // 3 + 1, 8, 2, width))
-    numbers = [f"{0:10d}" * 8] * 2 + ["".join(f"{x:13.5E}" for x in (0, 8, 0, 1, 0.01, 0)), f"{0.0:13.5E}" * 6]
-    values = [line for node, xs in motions.items() for line in (f"{node:10d}", "".join(f"{x:13.5E}" for x in xs))]
-    sets = {
-        2420: [f"{1:10d}", "part", f"{3:10d}{0:10d}{8:10d}", "CS", *system],
-        2411: [line for node in motions for line in (f"{node:10d}{0:10d}{3:10d}{8:10d}", place)],
-        2414: [f"{1:10d}", "mode", f"{1:10d}", *["NONE"] * 5, kind, *numbers, *values],
-    }
-    lines = [line for number, body in sets.items() for line in ("    -1", f"{number:6d}", *body, "    -1")]
+    sets = [
+        (2420, [f"{1:10d}", "part", f"{3:10d}{0:10d}{8:10d}", "CS", *system]),
+        (2411, [line for node in modes[0] for line in (f"{node:10d}{0:10d}{3:10d}{8:10d}", place)]),
+    ]
+    for k, motions in enumerate(modes, 1):
+        numbers = [f"{0:10d}" * 8] * 2 + ["".join(f"{x:13.5E}" for x in (0, 8 * k, 0, 1, 0.01, 0)), f"{0.0:13.5E}" * 6]
+        values = [line for node, xs in motions.items() for line in (f"{node:10d}", "".join(f"{x:13.5E}" for x in xs))]
+        sets.append((2414, [f"{k:10d}", "mode", f"{1:10d}", *["NONE"] * 5, kind, *numbers, *values]))
+    lines = [line for number, body in sets for line in ("    -1", f"{number:6d}", *body, "    -1")]
     path.write_text("\n".join([*lines, ""]))
     return path
 
@@ -430,11 +431,24 @@ def test_a_node_that_is_held_along_its_own_axis_spoils_no_other(tmp_path):
     path = shapes_of_turned_nodes(tmp_path / "b.unv", 0.6, {5: held, **free})
     measured = read_modes(path)
     assert [str(dof) for dof in measured.channels] == ["6X+", "6Y+", "6Z+", "7X+", "7Y+", "7Z+"]
-    assert "left out: nodes 5, held or not measured along directions that are no global axes" in measured.source
+    assert "left out: node 5, held or not measured along directions that are no global axes" in measured.source
+    assert "motions of 2 nodes turned from their displacement systems to global axes" in measured.source
     shape = dict(zip(map(str, measured.channels), measured.mode_shapes[:, 0], strict=True))
     assert shape["6Y+"] / shape["6X+"] == pytest.approx(known["6Y+"] / 0.1, rel=1e-5)
     with pytest.raises(FileError, match="node 5 was measured in 2 of the directions"):
         read_modes(shapes_of_turned_nodes(tmp_path / "c.unv", 0.6, {5: held, 6: held, 7: free[7]}))
+
+
+def test_modes_that_move_only_nodes_that_are_left_out_are_left_out_too(tmp_path):
+    still = (0.0, 0.0, 0.0)
+    first = {5: (0.5, 0.0, 2.0), 6: (0.1, 0.2, 0.3), 7: (0.4, 0.5, 0.6)}
+    second = {5: (0.5, 0.0, 1.0), 6: still, 7: still}
+    found = read_modes(shapes_of_turned_nodes(tmp_path / "a.unv", 0.6, first, second))
+    assert found.frequency == pytest.approx([8.0])
+    assert np.isfinite(found.mode_shapes).all()
+    assert "left out: modes at 16 Hz, which move no other nodes" in found.source
+    with pytest.raises(FileError, match=r"only nodes that .* along no global axes move; export shapes in global"):
+        read_modes(shapes_of_turned_nodes(tmp_path / "b.unv", 0.6, second))
 
 
 def test_a_sensor_along_no_global_axis_is_refused_or_taken_as_it_is_named(tmp_path):

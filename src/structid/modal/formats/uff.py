@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import NumberArray
+from structid.core.display import join_words, plural
 from structid.core.dof import DIRECTIONS, Dof, is_whole_number
 from structid.core.errors import FileError, InputError
 from structid.core.units import FORCES, LENGTHS
@@ -180,8 +181,8 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     Raises
     ------
     FileError
-        If there are no modes, a dataset is damaged, nodes differ between modes, or a node was measured in directions that are
-        along no global axes.
+        If there are no modes, a dataset is damaged, nodes differ between modes, or most nodes with axes of their own were
+        measured in directions that are along no global axes; fewer such nodes are left out, and modes that move no others.
     """
     options = options or ModeFileOptions()
     blocks = read_blocks(path)
@@ -190,7 +191,6 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     modes = _drop_duplicates(path, modes, notes)
     _require_vibrations(modes)
     length, force, has_units = _units(path, blocks, options)
-    s = np.array([mode.s for mode in modes])
     nodes = list(modes[0].nodes)
     for mode in modes:
         if set(mode.nodes) != set(nodes):
@@ -204,6 +204,8 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
         notes.append("directions as they are named, whatever coordinate systems the nodes have")
     else:
         _turn_to_global_axes(universal, nodes, values, notes)
+        modes, values = _drop_unmoved(modes, values, notes)
+    s = np.array([mode.s for mode in modes])
     values[:, :, :3] *= length
     scaling: Scaling = "unit_largest"
     if factors := _mass_factors(modes, force * length, notes):
@@ -381,9 +383,31 @@ def _turn_to_global_axes(
     if oblique:
         labels = ", ".join(str(node) for node, _ in oblique[:5])
         more = f" and {len(oblique) - 5} more" if len(oblique) > 5 else ""
-        notes.append(f"left out: nodes {labels}{more}, held or not measured along directions that are no global axes")
-    if n_turned:
-        notes.append(f"motions of {n_turned} nodes turned from their displacement systems to global axes")
+        word = "nodes" if len(oblique) > 1 else "node"
+        notes.append(f"left out: {word} {labels}{more}, held or not measured along directions that are no global axes")
+    if n_turned > len(oblique):
+        words = plural(n_turned - len(oblique), "node")
+        notes.append(f"motions of {words} turned from their displacement systems to global axes")
+
+
+def _drop_unmoved(
+    modes: list[_Mode], values: NDArray[np.complex128], notes: list[str]
+) -> tuple[list[_Mode], NDArray[np.complex128]]:
+    """Modes and `values` (mode, node, direction) without those that move only nodes that were left out.
+
+    A remark is appended to `notes`; `FileError` if none is left.
+    """
+    moves = np.any(values != 0, axis=(1, 2))
+    if moves.all():
+        return modes, values
+    if not moves.any():
+        raise FileError(
+            f"{modes[0].where}: only nodes that were measured in directions along no global axes move; export shapes in global"
+            ' axes, or all directions of the node, or give `shape_axes = "named"` in [record.modes]'
+        )
+    left_out = join_words([f"{abs(modes[k].s) / (2 * np.pi):.6g}" for k in np.flatnonzero(~moves)])
+    notes.append(f"left out: modes at {left_out} Hz, which move no other nodes")
+    return [modes[k] for k in np.flatnonzero(moves)], values[moves]
 
 
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
