@@ -156,10 +156,13 @@ def test_punched_frfs_are_turned_to_basic_axes(tmp_path):
         with_deck.read(tmp_path)
     (tmp_path / "a.pch").write_text(head + point)
     load = (Dof(4, "X"),)
-    with pytest.raises(
-        FileError, match=r"load 4X\S* acts at node 4, .* \(field 7 of GRID\), .*; leave that field empty"
-    ):
-        replace(with_deck, inputs=load, loads=load).read(tmp_path)
+    for card in ("", "PARAM,OUGCORD,BASIC\n"):
+        (tmp_path / "a.bdf").write_text(BULK.format(card + GRIDS))
+        with pytest.raises(
+            FileError, match=r"load 4X\S* acts at node 4, .* \(field 7 of GRID\), .*; leave that field empty"
+        ):
+            replace(with_deck, inputs=load, loads=load).read(tmp_path)
+    assert with_deck.read(tmp_path)[0, :, 0] == pytest.approx([1 + 0.1j, 2 + 0.2j, 3 + 0.3j])
     (tmp_path / "a.bdf").write_text(BULK.format(GRIDS.replace(",7\n", "\n")))
     assert replace(with_deck, inputs=load, loads=load).read(tmp_path).any()
     assert with_deck.notes(tmp_path) == ()

@@ -82,13 +82,13 @@ class FrfsOut(OneFile):
         require_last_line(path)
         if path.suffix.lower() in PUNCH_SUFFIXES:
             punched = punched_frfs(path, self.loads, self.units.length, self.units.force)
-            axes = self._axes(folder, punched) or {}
-            if oblique := [dof for dof in self.inputs if dof.node in axes]:
+            of_loads = self._axes(folder, punched, is_of_nodes=True) or {}
+            if oblique := [dof for dof in self.inputs if dof.node in of_loads]:
                 raise FileError(
                     f"{path}: load {oblique[0].unsigned} acts at node {oblique[0].node}, which has axes of its own (field 7 of"
                     " GRID), so that a DAREA does not act along basic ones; leave that field empty"
                 )
-            record: FrfRecord | TimeRecord = _in_basic_axes(punched, axes)
+            record: FrfRecord | TimeRecord = _in_basic_axes(punched, self._axes(folder, punched) or {})
         else:
             record = read_record(path)
         if not isinstance(record, FrfRecord):
@@ -117,13 +117,14 @@ class FrfsOut(OneFile):
         axes = self._axes(folder, punched)
         return axes_notes(len({dof.node for dof in punched.outputs} & set(axes or {})), axes is None)
 
-    def _axes(self, folder: Path, punched: FrfRecord) -> dict[int, FloatArray] | None:
+    def _axes(self, folder: Path, punched: FrfRecord, is_of_nodes: bool = False) -> dict[int, FloatArray] | None:
         """Axes (3, 3), as rows in basic ones, of nodes of Nastran that move along others, by label; None without a GRID.
 
-        `folder` is that of the run, `punched` the FRFs of its punch file.
+        `folder` is that of the run, `punched` the FRFs of its punch file. With `is_of_nodes` they are those that nodes
+        have, also where the deck asks for motions along basic ones.
         """
         nodes = np.array([dof.node for dof in punched.outputs[::6]], dtype=np.int64)
-        return None if self.deck is None else self.deck.axes(folder, folder / self.path, nodes)
+        return None if self.deck is None else self.deck.axes(folder, folder / self.path, nodes, is_of_nodes)
 
     def _line_indices(self, path: Path, of_file: FloatArray) -> IntArray:
         """Index in `of_file`, the frequencies of the file `path` in Hz, of each needed line, (n_lines,).

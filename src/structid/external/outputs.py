@@ -142,7 +142,7 @@ class RunDeck:
     def axes(self, folder: Path, path: Path, nodes: IntArray, is_stated: bool = False) -> dict[int, FloatArray] | None:
         """Axes (3, 3), as rows in basic ones, of each node whose motion the file `path` prints along others, by label.
 
-        None if there is no GRID, as where the bulk data are elsewhere. `is_stated`: the file states systems itself.
+        None if there is no GRID, as where the bulk data are elsewhere. `is_stated`: PARAM,OUGCORD is passed over.
         `FileError` if the deck is damaged, lacks one of the `nodes` of the file, or asks for motions in a system that is
         neither the basic one nor those of the points.
         """
