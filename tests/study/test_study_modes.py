@@ -496,6 +496,7 @@ def test_modes_of_two_set_ups_merge_to_a_record(tmp_path, monkeypatch):
         page_of_before = tmp_path / f"merged_{suffix}" / "report.html"
         page_of_before.parent.mkdir()
         page_of_before.write_text("modes of another record")
+        page_of_before.with_name("modes.json").write_text("{}")
         done = invoke("modes", f"lower.{suffix}", f"upper.{suffix}", "--merge", "--out", f"merged_{suffix}")
         assert (done.exit_code, done.stderr) == (0, "")
         assert not page_of_before.exists()
