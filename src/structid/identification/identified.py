@@ -83,6 +83,19 @@ class MissedValues:
         )
 
 
+def theta_within_tolerances(problem: Problem, estimate: Estimate) -> FloatArray:
+    """Free variables of `problem`, which has fixed values among its unknowns, at the fit within their tolerances.
+
+    That is the fit in `estimate.fixed`, which must be there. A fixed value that it lacks, as its influence could not be
+    solved for, is exact.
+    """
+    fixed = estimate.fixed
+    assert fixed is not None
+    free = dict(zip(estimate.names, fixed.theta.tolist(), strict=True))
+    free |= zip((FIXED + name for name in fixed.names), (fixed.asked * fixed.tolerance).tolist(), strict=True)
+    return np.array([free.get(name, 0.0) if name.startswith(FIXED) else free[name] for name in problem.names])
+
+
 def missed_parts(
     names: Sequence[str], problems: Sequence[RecordProblem], estimate: Estimate, freed: Sequence[RecordProblem] = ()
 ) -> tuple[MissedValues, ...]:
@@ -108,14 +121,13 @@ def missed_parts(
     if is_whole or not estimate.goodness.misfit < _HIDES:
         return ()
     parts = []
-    free = dict(zip(estimate.names, estimate.theta.tolist(), strict=True))
-    if freed and (fixed := estimate.fixed) is not None:
-        problems, asked = freed, fixed.asked * fixed.tolerance
-        free = dict(zip(estimate.names, fixed.theta.tolist(), strict=True))
-        free |= zip((FIXED + name for name in fixed.names), asked.tolist(), strict=True)
-    for name, problem in zip(names, problems, strict=True):
-        # a fixed value whose influence could not be solved for is exact
-        theta = np.array([free.get(key, 0.0) if key.startswith(FIXED) else free[key] for key in problem.names])
+    is_freed = bool(freed) and estimate.fixed is not None
+    for name, problem in zip(names, freed if is_freed else problems, strict=True):
+        theta = (
+            theta_within_tolerances(problem, estimate)
+            if is_freed
+            else estimate.theta[indices_of(estimate.names, problem.names)]
+        )
         residual = problem.residual(theta)[: problem.n_data]
         parts += [(what, rows, least) for what, rows, least in _tested_parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:

@@ -11,13 +11,12 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.forward import RecordProblem
-from structid.identification.identified import Identification
+from structid.identification.identified import Identification, theta_within_tolerances
 from structid.identification.joint_problem import harmonize_shared_parameters, indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.inversion import Problem
 from structid.inversion.covariance import shift_of_minimum
-from structid.inversion.fixed_values import FIXED
 from structid.inversion.linearization import Linearization
 
 #: Part of its standard deviation that the mesh may move a value by, and that a finer mesh is chosen for.
@@ -105,13 +104,12 @@ class MeshPieces:
         """
         if self.is_enough:
             return ""
-        if self.moved < MOVED:
-            remedy = self.obstacle or f"write {SUBDIVIDE_AUTO}, or {self.needed} in place of {self.count}"
-            return f"{MESH_MAKES} a misfit beyond noise, though it moves no value: {remedy}"
-        if not self.moved >= MOVED:
+        if np.isnan(self.moved):
             return f"{NOT_JUDGED}: {self.obstacle}"
-        interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
         remedy = self.obstacle or f"write {SUBDIVIDE_AUTO}, or {self.needed} in place of {self.count}"
+        if self.makes_misfit:
+            return f"{MESH_MAKES} a misfit beyond noise, though it moves no value: {remedy}"
+        interval = "which intervals do not include" if self.moved < 1 else "so do not rely on these intervals"
         return f"{MESH_MOVES} {self.shifts}, {interval}: {remedy}"
 
 
@@ -312,11 +310,9 @@ def _makes_misfit(setups: Sequence[AnySetup], identification: Identification, mi
     if identification.target is None or not _BEYOND_NOISE < goodness.misfit < _WRONG:
         return False
     problem, theta = identification.target, estimate.theta
-    if identification.freed and (fixed := estimate.fixed) is not None:
+    if identification.freed and estimate.fixed is not None:
         problem = joint_problem(harmonize_shared_parameters(identification.freed, titles(setups)))
-        free = dict(zip(estimate.names, fixed.theta.tolist(), strict=True))
-        free |= zip((FIXED + name for name in fixed.names), (fixed.asked * fixed.tolerance).tolist(), strict=True)
-        theta = np.array([free.get(name, 0.0) for name in problem.names])
+        theta = theta_within_tolerances(problem, estimate)
     linearization = problem.linearize(theta)
     jacobian, residual = linearization.jacobian, linearization.residual
     change = np.zeros(len(residual))

@@ -179,8 +179,8 @@ def _loads_and_sensors(
         [dof for dof, quantity_of in pairs if quantity_of == name] for name in ("force", "support_acceleration")
     )
     loads = inputs or tuple(forces or supports)
-    driving = {(dof, name) for dof in loads for name in ("force", "support_acceleration")}
-    moving = (dof for dof, quantity in pairs if quantity != "force" and (dof, quantity) not in driving)
+    driving = {("support_acceleration", dof) for dof in loads}
+    moving = (dof for dof, quantity in pairs if quantity != "force" and (quantity, dof) not in driving)
     return loads, outputs or tuple(dict.fromkeys(moving))
 
 
