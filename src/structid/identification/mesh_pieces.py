@@ -62,7 +62,8 @@ class MeshPieces:
     obstacle : str
         Why the mesh was not judged, or why no finer one is proposed; "" otherwise, also where more pieces are needed.
     finer_minimum : mapping of str to float
-        Free variables of the minimum with pieces half as long, by name; empty where it was not looked for, or not found.
+        Free variables near the minimum with pieces half as long, by name: followed where values move, a linear step where
+        the mesh makes a misfit alone; empty where it was not looked for, or not found.
     makes_misfit : bool
         Whether the mesh moves no value, but pieces half as long may explain most of a misfit that is beyond noise.
     """
@@ -76,7 +77,7 @@ class MeshPieces:
 
     @property
     def is_enough(self) -> bool:
-        """True if the mesh is known to move no value by more than `MOVED`, and makes no misfit."""
+        """True if the mesh is known to move every value by less than `MOVED`, and makes no misfit."""
         return self.moved < MOVED and not self.makes_misfit
 
     @property
@@ -85,7 +86,8 @@ class MeshPieces:
 
         It is doubled until the mesh is estimated to move values by `_AIMED`, once where the minimum was not found, since the
         shift is then a guess. Where the mesh makes a misfit but moves no value, half as many are added, which leaves a
-        tenth of that misfit of beams or less. It is at most `MOST_PIECES`, but always more than `count`.
+        tenth of that misfit of beams or less. It is at most `MOST_PIECES`, but `count` + 1
+        from there on.
         """
         if self.moved < MOVED:
             wanted = self.count + self.count // 2
@@ -290,7 +292,7 @@ def _deviation(identification: Identification) -> FloatArray:
 def _is_wrong_on_any_mesh(
     identification: Identification, linearization: Linearization, misfit_change: FloatArray, step: FloatArray
 ) -> bool:
-    """True if the misfit is far beyond noise, and of what the mesh changes the parameters leave less than 1 % of it.
+    """True if the misfit is far beyond noise, and a finer mesh, with parameters free again, changes less than 1 % of it.
 
     `misfit_change` (n_data,) is the change of the residual with a finer mesh, `step` (n_params,) the shift of the values by it.
     """
@@ -303,8 +305,8 @@ def _makes_misfit(setups: Sequence[AnySetup], identification: Identification, mi
     """True if a finer mesh may explain most of a misfit that is beyond noise, but not far.
 
     `misfit_change` (n_data,) is the change of the data rows with the finer mesh. To first order, with parameters and
-    fixed values (within their tolerances) free, it takes away half of the misfit beyond noise; or what is left of it is
-    larger than the whole residual, so that the first order tells nothing.
+    fixed values (within their tolerances) free, it takes away half of the misfit beyond noise, and 10 or more; or what is
+    left of it is larger than the whole residual, so that the first order tells nothing.
     """
     estimate, goodness = identification.estimate, identification.estimate.goodness
     if identification.target is None or not _BEYOND_NOISE < goodness.misfit < _WRONG:
